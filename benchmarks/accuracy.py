@@ -1,11 +1,15 @@
-"""Accuracy of jaxgel against refined finite elements (references.json, jaxgel/paper/finite_elements.json), one table per row of `ROWS`.
+"""Accuracy of jaxgel against refined finite elements, one table per row of `ROWS`.
 
-    python benchmarks/accuracy.py [--rows core midline ...] [--nodes 1000 1800] [--across 4] [--option dmax=3.5]
+The references are references.json and jaxgel/paper/finite_elements.json.
 
-Every table says what is measured, the error of each cloud and the target. The rows core, midline, energy and nodal share one sweep of
-sample 1 per cloud; nodal and outline solve the finite elements again for the displacement at the nodes (NGSolve, extra ``[bench]``).
-Contact is off: no sides of holes meet at these mu. ``searches`` runs the rotation study twice, some ten minutes. ``--out FILE`` keeps the
-numbers as JSON.
+    python benchmarks/accuracy.py [--rows core midline ...] [--nodes 1000 1800] [--across 4]
+    [--option dmax=3.5]
+
+Every table says what is measured, the error of each cloud and the target. The rows core, midline,
+energy and nodal share one sweep of sample 1 per cloud; nodal and outline solve the finite elements
+again for the displacement at the nodes (NGSolve, extra ``[bench]``). Contact is off: no sides of
+holes meet at these mu. ``searches`` runs the rotation study twice, some ten minutes. ``--out FILE``
+keeps the numbers as JSON.
 """  # fmt: skip
 
 import argparse
@@ -26,7 +30,8 @@ from jaxgel.cases import load_study
 from jaxgel.paper import FINITE_ELEMENTS
 
 REFERENCES = json.loads(Path(__file__).with_name("references.json").read_text(encoding="utf-8"))
-SPACINGS = {1000: 22 / 40, 1800: 22 / 56, 3000: 22 / 72, 5400: 22 / 100}  # mm: number of nodes of sample 1, about -> spacing
+# mm: number of nodes of sample 1, about -> spacing
+SPACINGS = {1000: 22 / 40, 1800: 22 / 56, 3000: 22 / 72, 5400: 22 / 100}
 AT = -1.4678  # mu of the nodal displacements and sensitivities, kT
 START = -4.9678  # mu of the first state, kT
 ONSETS = {  # case -> spacings, and the target of each in %
@@ -51,7 +56,8 @@ OBSERVED = {
     "midline": lambda path: np.abs(jaxgel.rotation_angle(path)),
     "energy": lambda path: path.energy,
 }
-LAST = {"core": -0.9178, "midline": AT, "energy": -0.9178}  # mu up to which the errors of sample 1 count, kT
+# mu up to which the errors of sample 1 count, kT
+LAST = {"core": -0.9178, "midline": AT, "energy": -0.9178}
 
 
 class Runs:
@@ -61,18 +67,23 @@ class Runs:
         self.across, self.options = across, dict(options)
 
     def model(self, plate, **cloud):
-        return jaxgel.discretise(jaxgel.make_cloud(plate, across=self.across, **cloud), **self.options)
+        return jaxgel.discretise(
+            jaxgel.make_cloud(plate, across=self.across, **cloud), **self.options
+        )
 
     @functools.cache  # noqa: B019
     def curve(self, name, spacing=None):
-        """Path of a sample at the mu of its references, as far as it goes, and the seconds that model and sweep took."""
+        """Path of a sample at the mu of its references, and the seconds of model and sweep."""
         begin, plate = time.perf_counter(), jaxgel.sample(name)
-        path = jaxgel.sweep(jaxgel.Problem(self.model(plate, spacing=spacing), plate.gel, contact=False), REFERENCES[name]["mu"])
+        path = jaxgel.sweep(
+            jaxgel.Problem(self.model(plate, spacing=spacing), plate.gel, contact=False),
+            REFERENCES[name]["mu"],
+        )
         return path, time.perf_counter() - begin
 
 
 def curve_errors(path, name, quantity):
-    """Signed errors (k,) in % of a quantity at the mu of the references; nan where the sweep ended before."""
+    """Signed errors (k,) in % of a quantity at the mu of the references, nan after the end."""
     exact = np.array(REFERENCES[name][quantity])
     found = np.full(len(exact), np.nan)
     found[: len(path)] = OBSERVED[quantity](path)
@@ -80,7 +91,7 @@ def curve_errors(path, name, quantity):
 
 
 def worst(errors, counted=slice(None)):
-    """Largest amount of the errors that count; nan where one is missing."""
+    """Largest amount of the errors that count; nan if one is missing."""
     return float(np.abs(np.asarray(errors)[counted]).max())
 
 
@@ -95,7 +106,13 @@ def heading(text):
 
 
 def line(label, cells, ends=()):
-    print(f"{label:>10}" + "".join(f"{cell:>9}" if isinstance(cell, str) else f"{cell:9.3f}" for cell in (*cells, *ends)), flush=True)
+    print(
+        f"{label:>10}"
+        + "".join(
+            f"{cell:>9}" if isinstance(cell, str) else f"{cell:9.3f}" for cell in (*cells, *ends)
+        ),
+        flush=True,
+    )
 
 
 def verdict(value, target):
@@ -107,21 +124,39 @@ def row_curve(quantity, runs, options):
     mus, last = REFERENCES["sample-1"]["mu"], LAST[quantity]
     counted = np.array(mus) <= last
     spread = f"{spread_of('sample-1', quantity, counted):.1e} %"
-    heading(f"{quantity} of sample 1: error in %, worst to mu = {last}; spread of the finite elements up to {spread}")
+    heading(
+        f"{quantity} of sample 1: error in %, worst to mu = {last}; spread of the finite elements "
+        f"up to {spread}"
+    )
     line("nodes", [f"{mu:.4f}" for mu in mus], ("worst", "target", "met", "seconds"))
     found = []
     for size in options.nodes:
         path, seconds = runs.curve("sample-1", SPACINGS[size])
         errors = curve_errors(path, "sample-1", quantity)
         largest, target = worst(errors, counted), TARGETS.get(quantity, {}).get(size)
-        line(path.model.n_nodes, errors, (largest, "" if target is None else target, verdict(largest, target), f"{seconds:.1f}"))
-        found.append({"nodes": path.model.n_nodes, "mu": mus, "errors": errors.tolist(), "worst": largest, "target": target})
+        line(
+            path.model.n_nodes,
+            errors,
+            (largest, "" if target is None else target, verdict(largest, target), f"{seconds:.1f}"),
+        )
+        found.append(
+            {
+                "nodes": path.model.n_nodes,
+                "mu": mus,
+                "errors": errors.tolist(),
+                "worst": largest,
+                "target": target,
+            }
+        )
     return found
 
 
 @functools.cache
 def finite_element_displacement():
-    """Function of dry points (m, 2): the displacements (m, 2) of sample 1 at ``AT`` by refined finite elements, mm."""
+    """Function of dry points (m, 2): their displacements (m, 2), mm, by refined finite elements.
+
+    They are those of sample 1 at ``AT``.
+    """
     from references import MESHES, solved
 
     gel = solved(MESHES[0], AT)
@@ -129,30 +164,49 @@ def finite_element_displacement():
 
 
 def nodal_errors(path):
-    """Distances (n,) of the deformed nodes at ``AT`` from where the finite elements have them, mm; nan where the sweep ended before."""
+    """Distances (n,) of the deformed nodes at ``AT`` from the finite elements, mm; nan if none.
+
+    nan if the sweep ended before.
+    """
     dry = np.asarray(path.model.cloud.nodes)
     at = np.flatnonzero(np.abs(path.mu - AT) < 1e-9)
     if not len(at):
         return np.full(len(dry), np.nan)
-    return np.linalg.norm(np.asarray(path.x[at[0]]) - dry - finite_element_displacement()(dry), axis=1)
+    return np.linalg.norm(
+        np.asarray(path.x[at[0]]) - dry - finite_element_displacement()(dry), axis=1
+    )
 
 
 def row_nodal(runs, options):
     """Nodal displacements of sample 1 at ``AT``: rms, largest, observed order between clouds."""
-    heading(f"nodal displacement of sample 1 at mu = {AT}: error in mm; order: of the rms in the node distance, from the cloud before")
-    print(f"{'nodes':>10}{'rms':>10}{'largest':>10}{'outlines':>10}{'target':>10}{'met':>6}{'order':>8}   (outlines: rms on them)")
+    heading(
+        f"nodal displacement of sample 1 at mu = {AT}: error in mm; order: of the rms in the node "
+        "distance, from the cloud before"
+    )
+    print(
+        f"{'nodes':>10}{'rms':>10}{'largest':>10}{'outlines':>10}{'target':>10}{'met':>6}"
+        f"{'order':>8}   (outlines: rms on them)"
+    )
     found = []
     for size in options.nodes:
         path, _ = runs.curve("sample-1", SPACINGS[size])
         error, on_outlines = nodal_errors(path), outline_nodes(path.model)
         rms, target = rms_of(error), TARGETS["nodal"].get(size)
-        row = {"nodes": len(error), "rms": rms, "largest": float(error.max()), "outlines": rms_of(error[on_outlines]), "target": target}
+        row = {
+            "nodes": len(error),
+            "rms": rms,
+            "largest": float(error.max()),
+            "outlines": rms_of(error[on_outlines]),
+            "target": target,
+        }
         if found:
-            row["order"] = 2 * math.log(found[-1]["rms"] / rms) / math.log(len(error) / found[-1]["nodes"])
+            row["order"] = (
+                2 * math.log(found[-1]["rms"] / rms) / math.log(len(error) / found[-1]["nodes"])
+            )
         found.append(row)
         print(
-            f"{row['nodes']:10}{rms:10.5f}{row['largest']:10.5f}{row['outlines']:10.5f}{target:10.4f}{verdict(rms, target):>6}"
-            f"{row.get('order', math.nan):8.2f}",
+            f"{row['nodes']:10}{rms:10.5f}{row['largest']:10.5f}{row['outlines']:10.5f}"
+            f"{target:10.4f}{verdict(rms, target):>6}{row.get('order', math.nan):8.2f}",
             flush=True,
         )
     return found
@@ -167,26 +221,47 @@ def outline_nodes(model):
     dry, on = np.asarray(model.cloud.nodes), np.zeros(model.n_nodes, bool)
     for hole in model.cloud.plate.holes:
         c, s = np.cos(float(hole.angle)), np.sin(float(hole.angle))
-        arm = (dry - np.asarray(hole.centre)) @ np.array([[c, -s], [s, c]]) / np.asarray(hole.semi_axes)
+        arm = (
+            (dry - np.asarray(hole.centre))
+            @ np.array([[c, -s], [s, c]])
+            / np.asarray(hole.semi_axes)
+        )
         on |= np.abs(np.linalg.norm(arm, axis=1) - 1) < 1e-6
     return on
 
 
 def row_outline(runs, options):
-    """Nodal displacements of sample 1 with few and many nodes on the outlines of the default grid."""
-    heading(f"outline nodes per hole on the default grid, sample 1 at mu = {AT}: error of the nodal displacement in mm, rotations in %")
-    print(f"{'per hole':>10}{'nodes':>8}{'rms':>10}{'largest':>10}{'target':>10}{'met':>6}{'core':>9}{'midline':>9}")
+    """Nodal displacements of sample 1 with few and many nodes on the outlines."""
+    heading(
+        f"outline nodes per hole on the default grid, sample 1 at mu = {AT}: error of the nodal "
+        "displacement in mm, rotations in %"
+    )
+    print(
+        f"{'per hole':>10}{'nodes':>8}{'rms':>10}{'largest':>10}{'target':>10}{'met':>6}"
+        f"{'core':>9}{'midline':>9}"
+    )
     plate, found = jaxgel.sample("sample-1"), []
     mus = [mu for mu in REFERENCES["sample-1"]["mu"] if mu <= AT]
     for number in options.outline_nodes:
-        path = jaxgel.sweep(jaxgel.Problem(runs.model(plate, nodes_per_hole=number), plate.gel, contact=False), mus)
+        path = jaxgel.sweep(
+            jaxgel.Problem(runs.model(plate, nodes_per_hole=number), plate.gel, contact=False), mus
+        )
         error, target = nodal_errors(path), TARGETS["outline"].get(number)
-        core, midline = (curve_errors(path, "sample-1", name)[len(mus) - 1] for name in ("core", "midline"))
-        row = {"per_hole": number, "nodes": len(error), "rms": rms_of(error), "largest": float(error.max()), "target": target}
+        core, midline = (
+            curve_errors(path, "sample-1", name)[len(mus) - 1] for name in ("core", "midline")
+        )
+        row = {
+            "per_hole": number,
+            "nodes": len(error),
+            "rms": rms_of(error),
+            "largest": float(error.max()),
+            "target": target,
+        }
         found.append(row | {"core": float(core), "midline": float(midline)})
         print(
-            f"{number:10}{row['nodes']:8}{row['rms']:10.5f}{row['largest']:10.5f}{target or math.nan:10.3f}"
-            f"{verdict(row['largest'], target):>6}{core:9.3f}{midline:9.3f}",
+            f"{number:10}{row['nodes']:8}{row['rms']:10.5f}{row['largest']:10.5f}"
+            f"{target or math.nan:10.3f}{verdict(row['largest'], target):>6}"
+            f"{core:9.3f}{midline:9.3f}",
             flush=True,
         )
     return found
@@ -202,27 +277,50 @@ def row_samples(runs, _):
         line("", [f"{mu:.4f}" for mu in mus], ("worst", "spread", "target", "met"))
         for quantity, target in TARGETS["samples"].items():
             errors = curve_errors(path, name, quantity)
-            line(quantity, errors, (worst(errors), spread_of(name, quantity), target, verdict(worst(errors), target)))
-            found.append({"case": name, "quantity": quantity, "mu": mus, "errors": errors.tolist(), "target": target})
+            line(
+                quantity,
+                errors,
+                (worst(errors), spread_of(name, quantity), target, verdict(worst(errors), target)),
+            )
+            found.append(
+                {
+                    "case": name,
+                    "quantity": quantity,
+                    "mu": mus,
+                    "errors": errors.tolist(),
+                    "target": target,
+                }
+            )
     return found
 
 
 def row_onset(runs, options):
     """First critical mu of the symmetric branch."""
     heading("onset: error of the critical mu in %")
-    print(f"{'case':>10}{'nodes':>8}{'critical mu':>13}{'elements':>10}{'error':>9}{'spread':>9}{'target':>9}{'met':>5}{'seconds':>9}")
+    print(
+        f"{'case':>10}{'nodes':>8}{'critical mu':>13}{'elements':>10}{'error':>9}{'spread':>9}"
+        f"{'target':>9}{'met':>5}{'seconds':>9}"
+    )
     found = []
     for name in options.cases:
         plate, exact = jaxgel.sample(name), FINITE_ELEMENTS[name]["critical_mu"]
         for spacing, target in ONSETS[name].items():
             begin = time.perf_counter()
             model = runs.model(plate, spacing=spacing)
-            points = jaxgel.critical_points(jaxgel.Problem(model, plate.gel), (START, min(exact + 0.5, -0.9)), most=1)
+            points = jaxgel.critical_points(
+                jaxgel.Problem(model, plate.gel), (START, min(exact + 0.5, -0.9)), most=1
+            )
             mu = float(points[0].mu) if points else math.nan
-            error, spread = 100 * (mu / exact - 1), -100 * FINITE_ELEMENTS[name]["spread"]["critical_mu"] / exact
-            found.append({"case": name, "nodes": model.n_nodes, "mu": mu, "error": error, "target": target})
+            error, spread = (
+                100 * (mu / exact - 1),
+                -100 * FINITE_ELEMENTS[name]["spread"]["critical_mu"] / exact,
+            )
+            found.append(
+                {"case": name, "nodes": model.n_nodes, "mu": mu, "error": error, "target": target}
+            )
             print(
-                f"{name:>10}{model.n_nodes:8}{mu:13.4f}{exact:10.4f}{error:9.3f}{spread:9.3f}{target:9.2f}{verdict(abs(error), target):>5}"
+                f"{name:>10}{model.n_nodes:8}{mu:13.4f}{exact:10.4f}{error:9.3f}{spread:9.3f}"
+                f"{target:9.2f}{verdict(abs(error), target):>5}"
                 f"{time.perf_counter() - begin:9.1f}",
                 flush=True,
             )
@@ -233,60 +331,107 @@ def row_sensitivities(runs, options):
     """Derivatives of both rotations of sample 1 at ``AT`` with respect to geometry and gel."""
     table, plate, found = REFERENCES["sensitivities"], jaxgel.sample("sample-1"), []
     names = list(table["core"]["spread"])
-    start = jnp.array([5.0, 4.0, 0.0, *map(float, plate.holes[0].centre), plate.gel.Nv, plate.gel.chi])
-    spacing, begin = SPACINGS[options.sensitivity_nodes], time.perf_counter()
+    start = jnp.array(
+        [5.0, 4.0, 0.0, *map(float, plate.holes[0].centre), plate.gel.Nv, plate.gel.chi]
+    )
 
-    def rotations(p):
-        """Amounts (2,) of core and midline rotation, degrees, for the parameters in the order of the references."""
+    def rotations(p, spacing):
+        """Amounts (2,) of core and midline rotation, degrees, in the order of the references."""
         theta = [
-            {"semi_axes": p[:2], "angle": float(hole.angle) + p[2], "centre": p[3:5] if k == 0 else jnp.asarray(hole.centre)}
+            {
+                "semi_axes": p[:2],
+                "angle": float(hole.angle) + p[2],
+                "centre": p[3:5] if k == 0 else jnp.asarray(hole.centre),
+            }
             for k, hole in enumerate(plate.holes)
         ]
         model = runs.model(plate.at(theta), spacing=spacing)
         mus = jnp.array([mu for mu in REFERENCES["sample-1"]["mu"] if mu <= AT])
-        path = jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(Nv=p[5], chi=p[6]), contact=False), mus)
+        path = jaxgel.sweep(
+            jaxgel.Problem(model, jaxgel.Gel(Nv=p[5], chi=p[6]), contact=False), mus
+        )
         return jnp.abs(jnp.stack([jaxgel.core_rotation(path)[-1], jaxgel.rotation_angle(path)[-1]]))
 
-    _, pull = jax.vjp(rotations, start)
-    heading(f"sensitivities of sample 1 at mu = {AT}, spacing {spacing} mm: error in %")
-    print(f"{'':>10}" + "".join(f"{name:>16}" for name in names) + f"{'worst':>9}{'target':>9}{'met':>6}")
-    for k, (quantity, target) in enumerate(TARGETS["sensitivities"].items()):
-        exact = np.array([table[quantity][name] for name in names])
-        errors = 100 * (np.asarray(pull(jnp.eye(2)[k])[0]) / exact - 1)
+    heading(f"sensitivities of sample 1 at mu = {AT} by squares along a side: error in %")
+    print(
+        f"{'':>10}"
+        + "".join(f"{name:>16}" for name in names)
+        + f"{'worst':>9}{'target':>9}{'met':>6}"
+    )
+    for quantity in TARGETS["sensitivities"]:
+        spread = [
+            100 * table[quantity]["spread"][name] / abs(table[quantity][name]) for name in names
+        ]
         print(
-            f"{quantity:>10}" + "".join(f"{error:16.2f}" for error in errors)
-            + f"{worst(errors):9.2f}{target:9.1f}{verdict(worst(errors), target):>6}"
-        )  # fmt: skip
-        spread = [100 * table[quantity]["spread"][name] / abs(value) for name, value in zip(names, exact, strict=True)]
-        print(f"{'spread':>10}" + "".join(f"{value:16.2f}" for value in spread), flush=True)
-        found.append({"quantity": quantity, "errors": dict(zip(names, errors.tolist(), strict=True)), "target": target})
-    print(f"{time.perf_counter() - begin:.0f} s")
+            f"{quantity:>10}"
+            + "".join(f"{value:16.2f}" for value in spread)
+            + "  spread of the finite elements"
+        )
+    for squares in options.squares:
+        _, pull = jax.vjp(functools.partial(rotations, spacing=plate.width / squares), start)
+        for k, (quantity, target) in enumerate(TARGETS["sensitivities"].items()):
+            errors = 100 * (
+                np.asarray(pull(jnp.eye(2)[k])[0])
+                / np.array([table[quantity][name] for name in names])
+                - 1
+            )
+            print(
+                f"{quantity:>8}{squares:>3}" + "".join(f"{error:16.2f}" for error in errors)
+                + f"{worst(errors):9.2f}{target:9.1f}{verdict(worst(errors), target):>6}",
+                flush=True,
+            )  # fmt: skip
+            found.append(
+                {
+                    "squares": squares,
+                    "quantity": quantity,
+                    "errors": dict(zip(names, errors.tolist(), strict=True)),
+                    "target": target,
+                }
+            )
     return found
 
 
 def row_plate(runs, _):
-    """Unstable modes of a uniformly stretched or compressed plate without holes, which the continuum does not have."""
-    heading("plate of 4 x 2 mm without holes, all edges held, mu = -2: negative eigenvalues at a pressure of so many Nv (target: none)")
+    """Spurious unstable modes of a uniformly stretched or compressed plate without holes."""
+    heading(
+        "plate of 4 x 2 mm without holes, all edges held, mu = -2: negative eigenvalues at a "
+        "pressure of so many Nv (target: none)"
+    )
     print(f"{'p / Nv':>10}{'J':>9}{'spacing':>9}{'negative':>10}{'met':>6}")
     gel, mu, found = jaxgel.Gel(Nv=1e-3, chi=1e-4), -2.0, []
     for p in PRESSURES:
         J = uniform_volume_ratio(p * gel.Nv, mu, gel)
         stretch = math.sqrt(J)
         for spacing in (0.25, 0.125):
-            plate = jaxgel.Plate(4, 2, edges="fixed", deformation=((stretch, 0), (0, stretch)), spacing=spacing, gel=gel)
+            plate = jaxgel.Plate(
+                4,
+                2,
+                edges="fixed",
+                deformation=((stretch, 0), (0, stretch)),
+                spacing=spacing,
+                gel=gel,
+            )
             try:
-                path = jaxgel.sweep(jaxgel.Problem(runs.model(plate), gel, contact=False), [mu], branch="symmetric")
+                path = jaxgel.sweep(
+                    jaxgel.Problem(runs.model(plate), gel, contact=False), [mu], branch="symmetric"
+                )
                 negative = int(path.negative_pivots[-1])
             except Exception as error:  # a table of failures is wanted, too
                 negative, text = -1, str(error).splitlines()[0]
                 print(text)
             found.append({"p": p, "spacing": spacing, "negative": negative})
-            print(f"{p:10}{J:9.4f}{spacing:9.3f}{negative:10}{'yes' if negative == 0 else 'NO':>6}", flush=True)
+            print(
+                f"{p:10}{J:9.4f}{spacing:9.3f}{negative:10}{'yes' if negative == 0 else 'NO':>6}",
+                flush=True,
+            )
     return found
 
 
 def uniform_volume_ratio(p, mu, gel):
-    """J > 1 at which the mixing energy's derivative, less the network's own part, is the pressure ``p``, kT/v; by bisection."""
+    """J > 1 at which the mixing energy's derivative is the pressure ``p``, kT/v; by bisection.
+
+    The network's own part is left out.
+    """
     low, high = 1 + 1e-12, 1e3
     for _ in range(200):
         J = (low + high) / 2
@@ -296,8 +441,14 @@ def uniform_volume_ratio(p, mu, gel):
 
 
 def row_searches(*_):
-    """The rotation study from its start and from one 1e-6 of its bounds away: what both find, on their own and on a fresh cloud."""
-    heading("searches of design/rotation.toml: midline at the last mu, degrees, on the cloud of the search and on a fresh finer one")
+    """Optima of the rotation study from its start and from one 1e-6 of its bounds away.
+
+    Each is also tried on a fresh cloud.
+    """
+    heading(
+        "searches of design/rotation.toml: midline at the last mu, degrees, on the cloud of the "
+        "search and on a fresh finer one"
+    )
     line("start +", ("search", "fresh"))
     moved = (0.0, 1e-6)
     found = {by: searched(by) for by in moved}
@@ -307,9 +458,11 @@ def row_searches(*_):
 
 
 def searched(moved):
-    """Best midline rotation, degrees, of the rotation study whose scaled start is ``moved``, and what a fresh cloud makes of it."""
+    """Best midline rotation, degrees, of the study started at ``moved``, and on a fresh cloud."""
     study = load_study(Path(__file__).parents[1] / "design" / "rotation.toml")
-    problem = dataclasses.replace(study.problem, start=study.problem.parameters(study.problem.vector + moved))
+    problem = dataclasses.replace(
+        study.problem, start=study.problem.parameters(study.problem.vector + moved)
+    )
     design = dataclasses.replace(study, problem=problem).run()
     return design.value, study.verify(design.parameters)[0]["last"]["rotation"]
 
@@ -322,7 +475,10 @@ def row_time(runs, options):
     found = {}
     for nodes in options.nodes:
         model = runs.model(plate, spacing=SPACINGS[nodes])
-        taken = [seconds_of(jaxgel.sweep, jaxgel.Problem(model, plate.gel), mu) for _ in range(8)][1:]  # the first one compiles
+        # the first one compiles
+        taken = [seconds_of(jaxgel.sweep, jaxgel.Problem(model, plate.gel), mu) for _ in range(8)][
+            1:
+        ]
         found[nodes] = np.median(taken)
         line(model.n_nodes, [f"{found[nodes]:.2f}"])
     return found
@@ -352,17 +508,59 @@ ROWS = {
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS), metavar="ROW", help=f"of {', '.join(ROWS)} (all)")
-    parser.add_argument("--nodes", type=int, nargs="+", choices=SPACINGS, default=list(SPACINGS), help="clouds of sample 1 (all)")
-    parser.add_argument("--sensitivity-nodes", type=int, choices=SPACINGS, default=1800, help="cloud of the sensitivities (1800)")
-    parser.add_argument("--outline-nodes", type=int, nargs="+", default=list(OUTLINE_NODES), help="per hole, for the row outline")
-    parser.add_argument("--cases", nargs="+", choices=ONSETS, default=list(ONSETS), metavar="CASE", help="of the onsets (all)")
+    parser.add_argument(
+        "--rows",
+        nargs="+",
+        choices=ROWS,
+        default=list(ROWS),
+        metavar="ROW",
+        help=f"of {', '.join(ROWS)} (all)",
+    )
+    parser.add_argument(
+        "--nodes",
+        type=int,
+        nargs="+",
+        choices=SPACINGS,
+        default=list(SPACINGS),
+        help="clouds of sample 1 (all)",
+    )
+    parser.add_argument(
+        "--squares",
+        type=int,
+        nargs="+",
+        default=[56],
+        help="along a side, for the clouds of the sensitivities (56)",
+    )
+    parser.add_argument(
+        "--outline-nodes",
+        type=int,
+        nargs="+",
+        default=list(OUTLINE_NODES),
+        help="per hole, for the row outline",
+    )
+    parser.add_argument(
+        "--cases",
+        nargs="+",
+        choices=ONSETS,
+        default=list(ONSETS),
+        metavar="CASE",
+        help="of the onsets (all)",
+    )
     parser.add_argument("--across", type=int, help="of jaxgel.make_cloud (its default)")
-    parser.add_argument("--option", nargs="+", default=[], metavar="NAME=VALUE", help="further options of jaxgel.discretise")
+    parser.add_argument(
+        "--option",
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE",
+        help="further options of jaxgel.discretise",
+    )
     parser.add_argument("--out", type=Path, help="file for the numbers")
     options = parser.parse_args()
     runs = Runs(across=options.across, options=[parsed(text) for text in options.option])
-    print(f"jaxgel at {Path(jaxgel.__file__).parent}, across {runs.across}, {runs.options or 'default options'}")
+    print(
+        f"jaxgel at {Path(jaxgel.__file__).parent}, across {runs.across}, "
+        f"{runs.options or 'default options'}"
+    )
     found = {row: ROWS[row](runs, options) for row in options.rows}
     if options.out:
         options.out.parent.mkdir(parents=True, exist_ok=True)
@@ -370,7 +568,7 @@ def main():
 
 
 def parsed(text):
-    """(name, value) of NAME=VALUE; the value as a Python literal where it is one."""
+    """(name, value) of NAME=VALUE; the value as a Python literal if it is one."""
     name, _, value = text.partition("=")
     try:
         return name, ast.literal_eval(value)

@@ -1,9 +1,12 @@
-"""The barrier of design/bistable.py beside finite elements (NGSolve, extra ``[bench]``), two meshes, in a few minutes.
+"""The barrier of design/bistable.py beside finite elements (NGSolve, extra ``[bench]``).
+
+It takes two meshes and a few minutes.
 
     python benchmarks/barrier.py
 
-The straight state is the symmetric branch of a mesh with the plate's mirror lines, the turned one is entered where that branch loses its
-stability; the barrier is the difference of their energies, beside the values of design/verified.json.
+The straight state is the symmetric branch of a mesh with the plate's mirror lines, the turned one
+is entered where that branch loses its stability; the barrier is the difference of their energies,
+beside the values of design/verified.json.
 """  # fmt: skip
 
 import dataclasses
@@ -29,15 +32,23 @@ def main():
     plate = dataclasses.replace(bistable.plate(found), gel=bistable.gel(found))
     for mesh in MESHES:
         height, unstable = barrier(plate, bistable.MU, mesh)
-        print(f"P{mesh.order}, {mesh.plate} mm: barrier {height:.4e} kT/v mm^2, the saddle has {unstable} negative eigenvalues")
+        print(
+            f"P{mesh.order}, {mesh.plate} mm: barrier {height:.4e} kT/v mm^2, the saddle has "
+            f"{unstable} negative eigenvalues"
+        )
         for key in ("search", "best"):
             own = record[key]["reported"]["barrier"]
             print(f"  jaxgel, {key}: {own:.4e}, difference {100 * (own / height - 1):.2f} %")
 
 
 def barrier(plate, mu, mesh):
-    """Energy of the straight state less that of the turned one, kT/v mm^2, and the number of the straight one's negative eigenvalues."""
-    gel = MixedGel(plate, plate_mesh(plate, mesh.order, mesh.plate, mesh.hole, folds=1), mesh.order, steps=4)
+    """Energy difference of straight and turned state, kT/v mm^2, and the straight one's index.
+
+    The index is the number of negative eigenvalues.
+    """
+    gel = MixedGel(
+        plate, plate_mesh(plate, mesh.order, mesh.plate, mesh.hole, folds=1), mesh.order, steps=4
+    )
     at = critical(gel)["critical_mu"]
     enter(gel, at)
     turned = energy(gel, at + PAST[-1], mu)

@@ -1,29 +1,38 @@
-"""One design step on sample 1 by jaxgel and by finite elements (NGSolve, extra ``[bench]``): an objective of a curve and its gradient.
+"""One design step on sample 1 by jaxgel and by NGSolve: a curve's objective and its gradient.
+
+NGSolve is in the extra ``[bench]``.
 
     python benchmarks/design_step.py [--quick] [--repeats 5] [--parameters 4 60]
 
-The objective is the mean square of the core rotation over 30 given mu from -4.9678 to -0.9178, in degrees squared. Of the four
-parameters two are a hole's semi-axes and two its centre, the other holes being its quarter turns; the sixty are mean radius and amplitudes
-of cos and sin of 2 phi ... 8 phi of each outline, from the ones nearest to the ellipses on. All are lengths in mm. Each peer places its
-cloud or mesh for the parameters and sweeps from the dry state, on one thread. About ten minutes of one processor, nearly half of them
-compilation; ``--quick`` has four parameters, jaxgel's default cloud and one repeat, in two to three minutes.
+The objective is the mean square of the core rotation over 30 given mu from -4.9678 to -0.9178, in
+degrees squared. Of the four parameters two are a hole's semi-axes and two its centre, the other
+holes being its quarter turns; the sixty are mean radius and amplitudes of cos and sin of 2 phi ...
+8 phi of each outline, from the ones nearest to the ellipses on. All are lengths in mm. Each peer
+places its cloud or mesh for the parameters and sweeps from the dry state, on one thread. About ten
+minutes of one processor, nearly half of them compilation; ``--quick`` has four parameters, jaxgel's
+default cloud and one repeat, in two to three minutes.
 
-Columns: ``size`` is nodes (jaxgel) or free displacements (NGSolve). ``value`` is the largest relative error of the core rotation over the
-states, ``gradient`` the error's norm over the gradient's norm, both in % of what adjoints give on the first mesh of `REFINED`; what
-the other one differs from it is printed above. Seconds are the processor's, medians after a first call, all peers in turn, for the value
-and for value and gradient together. ``ratio`` is the latter over that of jaxgel's first row: below 1 is faster than jaxgel.
+Columns: ``size`` is nodes (jaxgel) or free displacements (NGSolve). ``value`` is the largest
+relative error of the core rotation over the states, ``gradient`` the error's norm over the
+gradient's norm, both in % of what adjoints give on the first mesh of `REFINED`; what the other one
+differs from it is printed above. Seconds are the processor's, medians after a first call, all peers
+in turn, for the value and for value and gradient together. ``ratio`` is the latter over that of
+jaxgel's first row: below 1 is faster than jaxgel.
 
-- jaxgel: defaults, reverse mode. Its sweeps also count negative pivots, find the lowest eigenvalue and look for contact; NGSolve's do
-  neither, because its factorisation does not show its pivots. ``stability`` is what the first two take of ``both/s``;
-  ``bare ratio`` is the ratio with that left out of jaxgel's time: like beside like.
-- adjoint: one solve per state with the factor that Newton's method has left, then the shape derivative of the residual, written by hand;
-  NGSolve's own ``DiffShape`` gives the same numbers and, not compiled, took twenty times as long.
-- morphed: differences on a mesh whose nodes follow the outlines. remeshed: differences between new meshes. Their seconds are those of
-  one sweep times the number of sweeps; their errors are measured with four parameters only ("-": not measured). On new meshes they
-  vary with the step, because the mesh changes with the outlines.
+- jaxgel: defaults, reverse mode. Its sweeps also count negative pivots, find the lowest eigenvalue
+  and look for contact; NGSolve's do neither, because its factorisation does not show its pivots.
+  ``stability`` is what the first two take of ``both/s``; ``bare ratio`` is the ratio with that left
+  out of jaxgel's time: like beside like.
+- adjoint: one solve per state with the factor that Newton's method has left, then the shape
+  derivative of the residual, written by hand; NGSolve's own ``DiffShape`` gives the same numbers
+  and, not compiled, took twenty times as long.
+- morphed: differences on a mesh whose nodes follow the outlines. remeshed: differences between new
+  meshes. Their seconds are those of one sweep times the number of sweeps; their errors are measured
+  with four parameters only ("-": not measured). On new meshes they vary with the step, because the
+  mesh changes with the outlines.
 
-No JAX finite elements: jax-fem's solvers import petsc4py, of which pip has no wheel. tatva installs, but has no sweep and no solver; a
-peer on top of it is not written.
+No JAX finite elements: jax-fem's solvers import petsc4py, of which pip has no wheel. tatva
+installs, but has no sweep and no solver; a peer on top of it is not written.
 """  # fmt: skip
 
 import argparse
@@ -48,15 +57,30 @@ import jaxgel
 from jaxgel.continuation.frames import Frame, RegionFrame
 
 SPACINGS = (22 / 56, 0.55)  # mm
-ELEMENTS = (Row(5, 4, 2.5), Row(4, 2, 1.5))  # 0.12 % and 0.35 %: the fastest that were found within 0.35 % are quartic and quintic
+# 0.12 % and 0.35 %: the fastest that were found within 0.35 % are quartic and quintic
+ELEMENTS = (Row(5, 4, 2.5), Row(4, 2, 1.5))
 REFINED = (Row(4, 1.2, 0.25), Row(5, 1.5, 0.3))
 MODES = 7  # of cos and sin of each outline
-PINNED = 1.0  # mm; elements with a vertex this near to the core stay where they are, so that the core is a fixed point of its element
+# mm; elements with a vertex this near to the core stay where they are, so that the core is a fixed
+# point of its element
+PINNED = 1.0
 TOLERANCE = 1e-6  # of an adjoint state, relative
-STEPS = {"morphed": 1e-4, "remeshed": 2e-2}  # mm, of differences to either side; new meshes scatter by more than the smaller one shows
+# mm, of differences to either side; new meshes scatter by more than the smaller one shows
+STEPS = {"morphed": 1e-4, "remeshed": 2e-2}
 MEASURED = 4  # parameters up to which the errors of differences are measured
-HEADINGS = ("peer", "size", "value/%", "gradient/%", "value/s", "both/s", "stability", "ratio", "bare ratio")
-spent = 0.0  # processor seconds in which jaxgel's sweeps have examined the stability of states, by `_timed`
+HEADINGS = (
+    "peer",
+    "size",
+    "value/%",
+    "gradient/%",
+    "value/s",
+    "both/s",
+    "stability",
+    "ratio",
+    "bare ratio",
+)
+# processor seconds in which jaxgel's sweeps have examined the stability of states, by `_timed`
+spent = 0.0
 
 
 class Problem(NamedTuple):
@@ -72,9 +96,18 @@ class Problem(NamedTuple):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="four parameters, jaxgel's default cloud, one repeat")
+    parser.add_argument(
+        "--quick", action="store_true", help="four parameters, jaxgel's default cloud, one repeat"
+    )
     parser.add_argument("--repeats", type=int, default=5, help="timed calls per row (5)")
-    parser.add_argument("--parameters", type=int, nargs="+", choices=PROBLEMS, default=list(PROBLEMS), help="numbers of parameters (4 60)")
+    parser.add_argument(
+        "--parameters",
+        type=int,
+        nargs="+",
+        choices=PROBLEMS,
+        default=list(PROBLEMS),
+        help="numbers of parameters (4 60)",
+    )
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
@@ -83,7 +116,11 @@ def main():
     for frame in (RegionFrame, Frame):
         frame.check, frame.factorised = _timed(frame.check), _timed(frame.factorised)
     for number in options.parameters[:1] if options.quick else options.parameters:
-        compare(PROBLEMS[number](), SPACINGS[1:] if options.quick else SPACINGS, 1 if options.quick else options.repeats)
+        compare(
+            PROBLEMS[number](),
+            SPACINGS[1:] if options.quick else SPACINGS,
+            1 if options.quick else options.repeats,
+        )
 
 
 def compare(problem, spacings, repeats):
@@ -91,26 +128,54 @@ def compare(problem, spacings, repeats):
     start = problem.start
     refined = [Adjoint(problem, row).both(start) for row in REFINED]
     between = [100 * error for error in errors(*refined)]
-    print(f"\n{len(start)} parameters; refined elements differ by {between[0]:.4f} % in the value and {between[1]:.3f} % in the gradient")
+    print(
+        f"\n{len(start)} parameters; refined elements differ by {between[0]:.4f} % in the value "
+        f"and {between[1]:.3f} % in the gradient"
+    )
     print(f"{HEADINGS[0]:34}" + "".join(f"{heading:>11}" for heading in HEADINGS[1:]), flush=True)
-    peers = [Meshless(problem, spacing) for spacing in spacings] + [Adjoint(problem, row) for row in ELEMENTS]
+    peers = [Meshless(problem, spacing) for spacing in spacings] + [
+        Adjoint(problem, row) for row in ELEMENTS
+    ]
     remeshed = Remeshed(problem, ELEMENTS[0])
-    seconds = times_in_turn([*(peer.curve for peer in peers), *(peer.both for peer in peers), remeshed.curve], start, repeats)
+    seconds = times_in_turn(
+        [*(peer.curve for peer in peers), *(peer.both for peer in peers), remeshed.curve],
+        start,
+        repeats,
+    )
     unit = seconds[len(peers)]
     for peer, value, both in zip(peers, seconds, seconds[len(peers) :], strict=False):
         line(peer.label, peer.size, errors(peer.both(start), refined[0]), value[0], *both, unit)
     first = len(spacings)  # of the finite elements
-    for name, peer, (value, _) in (("morphed", peers[first], seconds[first]), ("remeshed", remeshed, seconds[-1])):
+    for name, peer, (value, _) in (
+        ("morphed", peers[first], seconds[first]),
+        ("remeshed", remeshed, seconds[-1]),
+    ):
         for side, sweeps in (("one-sided", 1 + len(start)), ("central", 1 + 2 * len(start))):
-            gradient = differences(peer.curve, start, STEPS[name], side) if len(start) <= MEASURED else None
+            gradient = (
+                differences(peer.curve, start, STEPS[name], side)
+                if len(start) <= MEASURED
+                else None
+            )
             label = f"NGSolve P{ELEMENTS[0].order} {name}, {side}"
-            line(label, peers[first].size, errors((peer.curve(start), gradient), refined[0]), value, sweeps * value, 0.0, unit)
+            line(
+                label,
+                peers[first].size,
+                errors((peer.curve(start), gradient), refined[0]),
+                value,
+                sweeps * value,
+                0.0,
+                unit,
+            )
 
 
 def errors(found, exact):
-    """Relative errors of a pair of curve and gradient: the largest of the curve, and that of the gradient's norm; nan without gradient."""
+    """Relative errors of curve (largest) and gradient (of its norm); nan without gradient."""
     core, gradient = found
-    of_gradient = np.nan if gradient is None else np.linalg.norm(gradient - exact[1]) / np.linalg.norm(exact[1])
+    of_gradient = (
+        np.nan
+        if gradient is None
+        else np.linalg.norm(gradient - exact[1]) / np.linalg.norm(exact[1])
+    )
     return np.abs(core / exact[0] - 1).max(), of_gradient
 
 
@@ -122,9 +187,9 @@ def line(label, size, relative, value, both, stability, unit):
 
 
 def times_in_turn(functions, start, repeats):
-    """Median processor seconds of each function, and those spent on stability, called ``repeats`` times in turn after a first time.
+    """Median processor seconds of each function, and those of stability, in ``repeats`` rounds.
 
-    The parameters are slightly others each time.
+    A first round is not counted. The parameters are slightly others each time.
     """
     taken = []
     for k in range(repeats + 1):
@@ -133,7 +198,10 @@ def times_in_turn(functions, start, repeats):
             begin, before = time.process_time(), spent
             function(start * (1 + 1e-6 * k))
             taken[-1].append((time.process_time() - begin, spent - before))
-    return [tuple(map(statistics.median, zip(*column, strict=True))) for column in zip(*taken[1:], strict=True)]
+    return [
+        tuple(map(statistics.median, zip(*column, strict=True)))
+        for column in zip(*taken[1:], strict=True)
+    ]
 
 
 def _timed(check):
@@ -154,7 +222,11 @@ def _timed(check):
 def differences(curve, start, step, side):
     """Gradient of the objective by one-sided or central differences."""
     steps = step * np.eye(len(start))
-    back = [objective(curve(start))] * len(start) if side == "one-sided" else [objective(curve(start - e)) for e in steps]
+    back = (
+        [objective(curve(start))] * len(start)
+        if side == "one-sided"
+        else [objective(curve(start - e)) for e in steps]
+    )
     ahead = [objective(curve(start + e)) for e in steps]
     return np.subtract(ahead, back) / (step if side == "one-sided" else 2 * step)
 
@@ -165,7 +237,10 @@ def objective(core):
 
 
 def four():
-    """Sample 1 by the semi-axes and the centre of its first ellipse; the others are quarter turns of it about the core."""
+    """Sample 1 by the semi-axes and the centre of its first ellipse.
+
+    The others are quarter turns of it about the core.
+    """
     plate = jaxgel.sample("sample-1")
     turns = [np.linalg.matrix_power([[0, -1], [1, 0]], k) for k in range(4)]
 
@@ -177,7 +252,7 @@ def four():
 
 
 def sixty():
-    """Sample 1 with Fourier outlines in place of its ellipses, by their mean radii and amplitudes."""
+    """Sample 1 with Fourier outlines in place of its ellipses."""
     sample = jaxgel.sample("sample-1")
     phi = 2 * np.pi * np.arange(128) / 128
     harmonics = np.arange(2, MODES + 2)[:, None]
@@ -187,9 +262,15 @@ def sixty():
 
     @jax.jit
     def theta(p):
-        return [{"radius": q[0], "cos": q[1 : 1 + MODES] / q[0], "sin": q[1 + MODES :] / q[0]} for q in p.reshape(4, -1)]
+        return [
+            {"radius": q[0], "cos": q[1 : 1 + MODES] / q[0], "sin": q[1 + MODES :] / q[0]}
+            for q in p.reshape(4, -1)
+        ]
 
-    holes = [jaxgel.Fourier(hole.centre, **own) for hole, own in zip(sample.holes, theta(start), strict=True)]
+    holes = [
+        jaxgel.Fourier(hole.centre, **own)
+        for hole, own in zip(sample.holes, theta(start), strict=True)
+    ]
     return Problem(dataclasses.replace(sample, holes=tuple(holes)), theta, start)
 
 
@@ -204,7 +285,9 @@ class Meshless:
 
     def _objective(self, p):
         model = jaxgel.discretise(self.cloud.at(self.plate.at(self.theta(p))))
-        core = jaxgel.core_rotation(jaxgel.sweep(jaxgel.Problem(model, self.plate.gel), MU.tolist()))
+        core = jaxgel.core_rotation(
+            jaxgel.sweep(jaxgel.Problem(model, self.plate.gel), MU.tolist())
+        )
         return objective(core), core
 
     def curve(self, p):
@@ -217,17 +300,21 @@ class Meshless:
 
 
 class Morph:
-    """Mesh whose outlines follow the parameters, and whose interior follows the outlines as a harmonic function."""
+    """Mesh whose outlines follow the parameters, its interior by a harmonic function."""
 
     def __init__(self, mesh, order, problem):
         plate, theta, _ = problem
         space = ng.H1(mesh, order=order, dirichlet="x|y|hole")
         u, v = space.TnT()
-        self.laplacian = sparse(ng.BilinearForm(ng.grad(u) * ng.grad(v) * ng.dx).Assemble().mat).tocsr()
+        self.laplacian = sparse(
+            ng.BilinearForm(ng.grad(u) * ng.grad(v) * ng.dx).Assemble().mat
+        ).tocsr()
         self.at_outlines, base = _interpolation(space, mesh, order)
         inside = np.array(space.FreeDofs())
         for element in space.Elements(ng.VOL):
-            corners = np.array([mesh[vertex].point for vertex in element.vertices]) - np.array(plate.core or (0.0, 0.0))
+            corners = np.array([mesh[vertex].point for vertex in element.vertices]) - np.array(
+                plate.core or (0.0, 0.0)
+            )
             if (np.linalg.norm(corners, axis=1) < PINNED).any() or _contains_origin(corners):
                 inside[list(element.dofs)] = False
         self.inside = np.flatnonzero(inside)
@@ -243,7 +330,7 @@ class Morph:
         self.deformation.vec.FV().NumPy()[:] = d.T.ravel()
 
     def pull(self, p, derivative):
-        """Derivatives with respect to ``p`` from those with respect to the mesh's coefficients (2 n)."""
+        """Derivatives by ``p`` from those by the mesh's coefficients (2 n)."""
         s = derivative.reshape(2, -1).T.copy()
         inner, s[self.inside] = self.factor.solve(s[self.inside]), 0
         s -= self.laplacian[:, self.inside] @ inner
@@ -252,15 +339,23 @@ class Morph:
 
 def _contains_origin(corners):
     """Whether the triangle with these corners (3, 2) contains the origin."""
-    areas = [a[0] * b[1] - a[1] * b[0] for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    areas = [
+        a[0] * b[1] - a[1] * b[0]
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    ]
     return min(areas) >= 0 or max(areas) <= 0
 
 
 def _interpolation(space, mesh, order):
-    """Matrix (dofs, points) that interpolates values at the outlines' Chebyshev points, edge by edge, and the points (m, 2)."""
+    """Matrix (dofs, points) of interpolation at the outlines' Chebyshev points, and these.
+
+    The points are (m, 2).
+    """
     t = (1 - np.cos(np.pi * np.arange(order + 1) / order)) / 2
     region = mesh.Boundaries("hole")
-    points = ng.CF((ng.x, ng.y))(mesh.MapToAllElements(ng.IntegrationRule([(s,) for s in t], [0.0] * len(t)), region))
+    points = ng.CF((ng.x, ng.y))(
+        mesh.MapToAllElements(ng.IntegrationRule([(s,) for s in t], [0.0] * len(t)), region)
+    )
     rows, columns, values = [], [], []
     edges = [element for element in space.Elements(ng.BND) if region.Mask()[element.index]]
     for k, edge in enumerate(edges):
@@ -270,11 +365,16 @@ def _interpolation(space, mesh, order):
         values.append(np.linalg.inv(shapes).ravel())
     rows, columns, values = map(np.hstack, (rows, columns, values))
     shared = np.isin(rows, range(mesh.nv))  # each vertex belongs to two edges
-    return csr_matrix((np.where(shared, values / 2, values), (rows, columns)), shape=(space.ndof, len(points))), points
+    return csr_matrix(
+        (np.where(shared, values / 2, values), (rows, columns)), shape=(space.ndof, len(points))
+    ), points
 
 
 def _outline_displacement(plate, theta, base):
-    """Function of the parameters: way (m, 2) of the points ``base`` to the outlines, along the ray from the centre of their hole."""
+    """Function of the parameters: way (m, 2) of the points ``base`` to the outlines.
+
+    The way is along the ray from the centre of their hole.
+    """
     arms = base[:, None] - np.array([hole.centre for hole in plate.holes])
     owner = np.abs([jax.vmap(hole.excess)(base) for hole in plate.holes]).argmin(axis=0)
     phi = np.arctan2(*arms[np.arange(len(base)), owner].T[::-1])
@@ -306,7 +406,7 @@ class Adjoint:
         self.right, self.step = self.adjoint.vec.CreateVector(), self.adjoint.vec.CreateVector()
 
     def _forms(self):
-        """Tangent times the adjoint state, and the shape derivative of the residual at the adjoint state, as linear forms."""
+        """Tangent times the adjoint state and shape derivative of the residual, as linear forms."""
         gel, (w, s) = self.gel, self.adjoint.components
         (v, q), V = gel.state.space.TestFunction(), self.morph.deformation.space.TestFunction()
         Nv, G, C, p = gel.plate.gel.Nv, ng.Grad(w), cofactor(gel.F), gel.p
@@ -317,11 +417,16 @@ class Adjoint:
         P = Nv * gel.F + p * C
         density = ng.InnerProduct(P, G) + s * (ng.Det(gel.F) - gel.J)
         shape = ng.LinearForm(self.morph.deformation.space)
-        shape += ng.InnerProduct((density * ng.Id(2) - ng.Grad(gel.u).trans * H - G.trans * P).Compile(), ng.Grad(V)) * gel.dx
+        shape += (
+            ng.InnerProduct(
+                (density * ng.Id(2) - ng.Grad(gel.u).trans * H - G.trans * P).Compile(), ng.Grad(V)
+            )
+            * gel.dx
+        )
         return forward, shape
 
     def _core(self):
-        """Degrees of freedom (n,) of the displacement about the core, and the gradient of u there for each of them (n, 4)."""
+        """Degrees of freedom (n,) of the displacement about the core, and gradients there."""
         gel, point = self.gel, self.gel.mesh(*(self.gel.plate.core or (0.0, 0.0)))
         dofs = [d for d in gel.u.space.GetDofNrs(ng.ElementId(ng.VOL, point.nr)) if d >= 0]
         values, rows = gel.u.vec.FV().NumPy(), []
@@ -333,12 +438,14 @@ class Adjoint:
         return dofs, np.array(rows)
 
     def _core_and_derivative(self, gel):
-        """Core rotation, degrees, and its derivative (2 n) with respect to the mesh's coefficients."""
+        """Core rotation, degrees, and its derivative (2 n) by the mesh's coefficients."""
         state = gel.state.vec.FV().NumPy()
         F = np.eye(2).ravel() + state[self.dofs] @ self.gradients
         s, t = F[2] - F[1], F[0] + F[3]
         self.right[:] = 0
-        self.right.FV().NumPy()[self.dofs] = np.degrees(self.gradients @ np.array([-s, -t, t, -s]) / (s**2 + t**2))
+        self.right.FV().NumPy()[self.dofs] = np.degrees(
+            self.gradients @ np.array([-s, -t, t, -s]) / (s**2 + t**2)
+        )
         self._solve()
         self.shape.Assemble()
         return np.degrees(np.arctan2(s, t)), -self.shape.vec.FV().NumPy()  # a new array
@@ -367,7 +474,9 @@ class Adjoint:
     def both(self, p):
         """Curve, and gradient of its objective."""
         self.morph.move(p)
-        core, derivatives = map(np.array, zip(*sweep(self.gel, observe=self._core_and_derivative)[0], strict=True))
+        core, derivatives = map(
+            np.array, zip(*sweep(self.gel, observe=self._core_and_derivative)[0], strict=True)
+        )
         return core, self.morph.pull(p, np.asarray(jax.grad(objective)(core)) @ derivatives)
 
 
@@ -380,7 +489,13 @@ class Remeshed:
 
     def curve(self, p):
         plate, row = self.plate.at(self.theta(p)), self.row
-        return np.array(sweep(MixedGel(plate, plate_mesh(plate, row.order, row.plate, row.hole, row.grading), row.order))[0])
+        return np.array(
+            sweep(
+                MixedGel(
+                    plate, plate_mesh(plate, row.order, row.plate, row.hole, row.grading), row.order
+                )
+            )[0]
+        )
 
 
 PROBLEMS = {4: four, 60: sixty}

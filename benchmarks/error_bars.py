@@ -1,9 +1,13 @@
-"""Are error bars honest? True errors beside the bars of `jaxgel.accuracy`: the paper's samples, the lattice, random plates.
+"""Reliability of error bars: true errors beside the bars of `jaxgel.accuracy`.
 
-    python benchmarks/error_bars.py [--cases sample-1 random-3 ...] [--truth 2.5] [--out FILE] [--quick]
+For the paper's samples, the lattice and random plates.
 
-The truth is a cloud with ``--truth`` times as many squares along a side. Prints for every case, every quantity, and all together the share
-of numbers whose true error lies within the bar, and the median of bar over true error. Targets: 90 % or more, and 4 or less.
+    python benchmarks/error_bars.py [--cases sample-1 random-3 ...] [--truth 2.5] [--out FILE]
+    [--quick]
+
+The truth is a cloud with ``--truth`` times as many squares along a side. Prints for every case,
+every quantity, and all together the share of numbers whose true error lies within the bar, and the
+median of bar over true error. Targets: 90 % or more, and 4 or less.
 """
 
 import argparse
@@ -33,19 +37,29 @@ def random_plate(seed):
         a, b = room * rng.uniform([0.45, 0.35], 0.75)
         centre = (centre + room * rng.uniform(-0.1, 0.1, 2)).tolist()
         round_hole = rng.random() < 0.3
-        holes.append(jaxgel.Circle(centre, a) if round_hole else jaxgel.Ellipse(centre, (a, b), rng.uniform(-1.5, 1.5)))
+        holes.append(
+            jaxgel.Circle(centre, a)
+            if round_hole
+            else jaxgel.Ellipse(centre, (a, b), rng.uniform(-1.5, 1.5))
+        )
     edges = {} if rng.random() < 0.6 else {"top": ("free", "roller")[rng.integers(2)]}
     gel = jaxgel.Gel(Nv=float(10 ** rng.uniform(-3, -2)), chi=float(rng.uniform(0, 0.4)))
-    return jaxgel.Plate(float(w), float(h), holes, edges=edges, gel=gel, spacing=float(min(w, h) / SQUARES))
+    return jaxgel.Plate(
+        float(w), float(h), holes, edges=edges, gel=gel, spacing=float(min(w, h) / SQUARES)
+    )
 
 
 def errors_of(name, truth, spacing=None):
     """Rows (quantity, true error, half of the bar) of the numbers of a case."""
-    plate = random_plate(int(name.split("-")[1])) if name.startswith("random") else jaxgel.sample(name)
+    plate = (
+        random_plate(int(name.split("-")[1])) if name.startswith("random") else jaxgel.sample(name)
+    )
     spacing = plate.spacing if spacing is None else spacing
 
     def path_at(h):
-        return jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=h)), plate.gel), MU)
+        return jaxgel.sweep(
+            jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=h)), plate.gel), MU
+        )
 
     found = jaxgel.accuracy(path_at, spacing)
     fine = path_at(spacing / truth)
@@ -57,8 +71,15 @@ def errors_of(name, truth, spacing=None):
         if quantity in ("rotation", "core_rotation") and np.nansum(exact * own) < 0:
             exact = -exact  # buckled to the other side
         error = np.abs(own - exact)
-        counted = np.isfinite(error) & np.isfinite(bar) & (error > KNOWN * np.nanmax(np.abs(exact), initial=0.0))
-        rows += [(quantity, e, b) for e, b in zip(error[counted].tolist(), bar[counted].tolist(), strict=True)]
+        counted = (
+            np.isfinite(error)
+            & np.isfinite(bar)
+            & (error > KNOWN * np.nanmax(np.abs(exact), initial=0.0))
+        )
+        rows += [
+            (quantity, e, b)
+            for e, b in zip(error[counted].tolist(), bar[counted].tolist(), strict=True)
+        ]
     return rows
 
 

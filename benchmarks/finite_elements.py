@@ -1,15 +1,20 @@
-"""Every finite-element value that jaxgel quotes, by NGSolve (extra ``[bench]``): writes jaxgel/paper/finite_elements.json.
+"""Finite-element values that jaxgel quotes, by NGSolve: jaxgel/paper/finite_elements.json.
+
+NGSolve is in the extra ``[bench]``.
 
     python benchmarks/finite_elements.py [sample-1 ...]
 
-Without names all cases are computed, in six minutes on one core; a named one replaces its own values only. Each value is that of its
-case's first mesh, rounded to the decimal place of its ``spread``, the largest difference that the other meshes make.
+Without names all cases are computed, in six minutes on one core; a named one replaces its own
+values only. Each value is that of its case's first mesh, rounded to the decimal place of its
+``spread``, the largest difference that the other meshes make.
 
-Samples 4-8 and the lattice have meshes with their mirror lines, so that symmetric states stay symmetric and the lowest eigenvalue of
-the tangent passes 0 at the critical mu. The buckled branch is entered from there along the mode. Outlines do not feel each other.
-At the last two mu of sample 4 its buckled surface is compressed past Biot's limit, a ratio of 3.4: finer meshes wrinkle and lose the
-smooth state, so the spread there is one between meshes that are too coarse to. Sample 6 loses it soon after its last mu. Sample 9 is
-left out: the finer its corners, the earlier they overlap, and it does not buckle before.
+Samples 4-8 and the lattice have meshes with their mirror lines, so that symmetric states stay
+symmetric and the lowest eigenvalue of the tangent passes 0 at the critical mu. The buckled branch
+is entered from there along the mode. Outlines do not feel each other. At the last two mu of sample
+4 its buckled surface is compressed past Biot's limit, a ratio of 3.4: finer meshes wrinkle and lose
+the smooth state, so the spread there is one between meshes that are too coarse to. Sample 6 loses
+it soon after its last mu. Sample 9 is left out: the finer its corners, the earlier they overlap,
+and it does not buckle before.
 """
 
 import argparse
@@ -30,8 +35,10 @@ from jaxgel import sample
 from jaxgel.observables import CREASE_RATIO
 
 FILE = Path(__file__).parents[1] / "jaxgel" / "paper" / "finite_elements.json"
-START, STEP = -4.9678, 0.125  # mu of the first state, reached from the dry plate at once, and the largest step, kT
-PAST = (0.02, 0.04, 0.06, 0.1)  # beyond the critical mu: where the buckled branch is entered and first followed, kT
+# mu of the first state, reached from the dry plate at once, and the largest step, kT
+START, STEP = -4.9678, 0.125
+# beyond the critical mu: where the buckled branch is entered and first followed, kT
+PAST = (0.02, 0.04, 0.06, 0.1)
 OBSERVED = {
     "rotation": lambda gel: abs(gel.midline_rotation()),
     "core": lambda gel: abs(gel.core_rotation()),
@@ -43,7 +50,10 @@ OBSERVED = {
 
 @dataclasses.dataclass(frozen=True)
 class Mesh:
-    """Order of the displacements; longest edges in the plate, on the outlines and at their corners, mm."""
+    """Order of the displacements.
+
+    Longest edges in the plate, on the outlines and at their corners, mm.
+    """
 
     order: int
     plate: float
@@ -53,7 +63,7 @@ class Mesh:
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """What is computed of a plate: the symmetric states at ``mu``, the critical mu, and the buckled states at ``buckled``."""
+    """Requested states of a plate: symmetric at ``mu``, critical, and buckled at ``buckled``."""
 
     meshes: tuple
     mu: tuple
@@ -65,7 +75,10 @@ class Case:
 TURNED = ("rotation", "core", "area", "energy")
 CASES = {
     "sample-1": Case(
-        (Mesh(5, 1.0, 0.12), Mesh(4, 1.2, 0.25)), (-4.9678, -3.9678, -2.9678, -1.9678, -1.4678, -0.9678, -0.9178), folds=0, names=TURNED
+        (Mesh(5, 1.0, 0.12), Mesh(4, 1.2, 0.25)),
+        (-4.9678, -3.9678, -2.9678, -1.9678, -1.4678, -0.9678, -0.9178),
+        folds=0,
+        names=TURNED,
     ),
     "sample-4": Case(
         (Mesh(5, 1.5, 0.4), Mesh(4, 2.0, 0.5)),
@@ -75,9 +88,17 @@ CASES = {
     ),
     "sample-5": Case((Mesh(5, 1.5, 0.4), Mesh(4, 2.0, 0.5)), (-1.9678, -1.4678, -1.0678, -0.9678)),
     "sample-6": Case((Mesh(5, 1.5, 0.4), Mesh(4, 2.0, 0.5)), (-1.9678, -1.4678, -1.0678)),
-    "sample-7": Case((Mesh(4, 1.5, 0.4, 0.004), Mesh(4, 1.0, 0.25, 0.02), Mesh(5, 2.0, 0.5, 0.1)), (-2.9678,)),
+    "sample-7": Case(
+        (Mesh(4, 1.5, 0.4, 0.004), Mesh(4, 1.0, 0.25, 0.02), Mesh(5, 2.0, 0.5, 0.1)), (-2.9678,)
+    ),
     "sample-8": Case((Mesh(4, 1.5, 0.4, 0.05), Mesh(5, 2.0, 0.5, 0.1)), (-1.9678,)),
-    "lattice": Case((Mesh(5, 0.5, 0.2), Mesh(4, 0.35, 0.15)), (), folds=3, buckled=(-1.9678,), names=("core", "area", "energy")),
+    "lattice": Case(
+        (Mesh(5, 0.5, 0.2), Mesh(4, 0.35, 0.15)),
+        (),
+        folds=3,
+        buckled=(-1.9678,),
+        names=("core", "area", "energy"),
+    ),
 }
 FAMILIES = {"20": "sample-4", "15": "sample-5", "10": "sample-6"}  # holes of so many pi mm^2
 
@@ -89,10 +110,17 @@ def main(names):
         sizes = [result.pop("mesh") for result in results]
         known[name] = with_spread(results) | {"mesh": f"{sizes[0]}; spread: {'; '.join(sizes[1:])}"}
     content = {
-        "about": f"`python benchmarks/finite_elements.py` with NGSolve {ng.__version__}: mixed elements, the pressure of one order less; "
-        "the spread is the largest difference to other meshes. Rotation is the midline angle of the paper, core rotation the polar "
-        "rotation at the plate's centre, of the lattice at (1, 1).",
-        "units": "mu kT, rotations degrees, energy kT/v mm^2 (lattice: 1e-6 mm^2); area is the area reduction of all holes",
+        "about": (
+            f"`python benchmarks/finite_elements.py` with NGSolve {ng.__version__}: mixed "
+            "elements, the pressure of one order less; the spread is the largest difference to "
+            "other meshes. "
+            "Rotation is the midline angle of the paper, core rotation the polar rotation at the "
+            "plate's centre, of the lattice at (1, 1)."
+        ),
+        "units": (
+            "mu kT, rotations degrees, energy kT/v mm^2 (lattice: 1e-6 mm^2); area is the area "
+            "reduction of all holes"
+        ),
         **{name: known[name] for name in CASES},
         "areas": families(known),
     }
@@ -101,20 +129,36 @@ def main(names):
 
 def compact(content):
     """JSON with each list of numbers on one line."""
-    return re.sub(r"\[[^][]*\]", lambda row: f"[{' '.join(row[0][1:-1].split())}]", json.dumps(content, indent=1)) + "\n"
+    return (
+        re.sub(
+            r"\[[^][]*\]",
+            lambda row: f"[{' '.join(row[0][1:-1].split())}]",
+            json.dumps(content, indent=1),
+        )
+        + "\n"
+    )
 
 
 def values_of(name, mesh):
     """All values of a case on one mesh, printed as they come."""
     begin, case, plate = time.perf_counter(), CASES[name], sample(name)
-    grid = plate_mesh(plate, mesh.order, mesh.plate, mesh.hole, corner=mesh.corner, folds=case.folds)
+    grid = plate_mesh(
+        plate, mesh.order, mesh.plate, mesh.hole, corner=mesh.corner, folds=case.folds
+    )
     gel = MixedGel(plate, grid, mesh.order, steps=4)
     corner = "" if mesh.corner is None else f", {mesh.corner} mm at corners"
-    values = {"mesh": f"P{mesh.order}, {grid.ne} curved triangles{corner}, {gel.free_dofs} free displacements"}
+    values = {
+        "mesh": (
+            f"P{mesh.order}, {grid.ne} curved triangles{corner}, {gel.free_dofs} free displacements"
+        )
+    }
 
     def found(new):
         values.update(new)
-        print(f"{name}, {values['mesh']}, {time.perf_counter() - begin:.0f} s: {json.dumps(new)}", flush=True)
+        print(
+            f"{name}, {values['mesh']}, {time.perf_counter() - begin:.0f} s: {json.dumps(new)}",
+            flush=True,
+        )
 
     if not case.folds:
         found(turning(gel, case))
@@ -122,7 +166,16 @@ def values_of(name, mesh):
     found(onset := critical(gel))
     if case.buckled:
         enter(gel, onset["critical_mu"])
-        found({"buckled": table(gel, stops(onset["critical_mu"] + PAST[-1], case.buckled), case.buckled, case.names)})
+        found(
+            {
+                "buckled": table(
+                    gel,
+                    stops(onset["critical_mu"] + PAST[-1], case.buckled),
+                    case.buckled,
+                    case.names,
+                )
+            }
+        )
     if name == "lattice":
         found(first_contact(gel, case.buckled[-1]))
     if case.mu:
@@ -132,7 +185,7 @@ def values_of(name, mesh):
 
 
 def stops(start, wanted):
-    """Increasing mu from ``start`` to the last one ``wanted``, at most ``STEP`` apart, all of ``wanted`` among them."""
+    """Increasing mu from ``start`` through all of ``wanted``, at most ``STEP`` apart."""
     evenly = np.arange(start, max(wanted), STEP)
     apart = np.abs(evenly[:, None] - np.array(wanted)).min(axis=1) > STEP / 10
     return sorted({*evenly[apart].round(9).tolist(), round(start, 9), *wanted})
@@ -141,7 +194,10 @@ def stops(start, wanted):
 def table(gel, mus, wanted, names):
     """Columns of observed values at the mu that are ``wanted`` of those gone through."""
     rows = [[OBSERVED[name](gel) for name in names] for mu in gel.follow(mus) if mu in wanted]
-    return {"mu": list(wanted), **{name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}}
+    return {
+        "mu": list(wanted),
+        **{name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)},
+    }
 
 
 def zero(mus, values):
@@ -154,13 +210,20 @@ def turning(gel, case):
     mus = stops(START, case.mu)
     columns = table(gel, mus, mus, (*case.names, "surface_ratio"))
     k = int(np.searchsorted(columns["surface_ratio"], CREASE_RATIO))
-    crease = zero(mus[k - 2 : k + 2], np.array(columns.pop("surface_ratio")[k - 2 : k + 2]) - CREASE_RATIO)
+    crease = zero(
+        mus[k - 2 : k + 2], np.array(columns.pop("surface_ratio")[k - 2 : k + 2]) - CREASE_RATIO
+    )
     wanted = [mus.index(mu) for mu in case.mu]
-    return {name: [column[k] for k in wanted] for name, column in columns.items()} | {"crease_mu": crease}
+    return {name: [column[k] for k in wanted] for name, column in columns.items()} | {
+        "crease_mu": crease
+    }
 
 
 def critical(gel):
-    """Critical mu of the symmetric branch, where its lowest eigenvalue is 0, and the area reduction there; the state is left close by."""
+    """Critical mu of the symmetric branch, and the area reduction there.
+
+    The lowest eigenvalue is 0; the state is left close by.
+    """
     gel.state.vec[:] = 0
     lowest, area = {}, {}
     for mu in gel.follow(START + STEP * k for k in itertools.count()):
@@ -172,14 +235,19 @@ def critical(gel):
         near = sorted(lowest, key=lambda at: abs(lowest[at]))[:3]
         guess = zero(near, [lowest[at] for at in near])
         if min(abs(guess - at) for at in near) < 1e-4:  # no closer: the tangent is singular there
-            return {"critical_mu": guess, "critical_area": float(BarycentricInterpolator(near, [area[at] for at in near])(guess))}
+            return {
+                "critical_mu": guess,
+                "critical_area": float(
+                    BarycentricInterpolator(near, [area[at] for at in near])(guess)
+                ),
+            }
         gel.equilibrium(guess)
         lowest[guess], area[guess] = gel.modes()[1][0], gel.area_reduction()
     raise RuntimeError(f"the lowest eigenvalue was not followed to 0: {lowest}")
 
 
 def enter(gel, mu):
-    """From the symmetric state near the critical ``mu`` to the buckled one a little past it: the mode, larger until Newton stays."""
+    """Branch switching from near the critical ``mu``, by the mode with a growing amplitude."""
     gel.equilibrium(mu + PAST[0])
     state, mode = gel.state.vec.FV().NumPy(), gel.modes()[2][0]
     symmetric = state.copy()
@@ -195,7 +263,7 @@ def enter(gel, mu):
 
 
 def first_contact(gel, start):
-    """The mu at which an outline first touches itself, by bisection, and the area reduction there."""
+    """The mu at which an outline first touches itself, by bisection, and its area reduction."""
     state, below = gel.state.vec.FV().NumPy(), None
     for mu in gel.follow(start + STEP / 2 * k for k in itertools.count()):
         if overlaps(gel):
@@ -216,13 +284,16 @@ def overlaps(gel):
         arm = dry - centre
         own = np.flatnonzero(np.abs(np.linalg.norm(arm, axis=1) / radius - 1) < 1e-3)
         inside = np.abs(centre).max() + radius < gel.plate.width / 2
-        if inside and not shapely.LinearRing(deformed[own[np.argsort(np.arctan2(*arm[own].T))]]).is_simple:
+        if (
+            inside
+            and not shapely.LinearRing(deformed[own[np.argsort(np.arctan2(*arm[own].T))]]).is_simple
+        ):
             return True
     return False
 
 
 def with_spread(results):
-    """The first of some results (dicts), rounded to the spread that stands beside its values: the largest difference to the others."""
+    """The first of some results (dicts), rounded to the largest difference to the others."""
     first, spread, values = results[0], {}, {}
     for key, value in first.items():
         if isinstance(value, dict):
@@ -230,7 +301,9 @@ def with_spread(results):
         elif key == "mu":
             values[key] = value
         else:
-            apart = np.max([np.abs(np.subtract(value, other[key])) for other in results[1:]], axis=0)
+            apart = np.max(
+                [np.abs(np.subtract(value, other[key])) for other in results[1:]], axis=0
+            )
             places = np.clip(np.ceil(-np.log10(np.maximum(apart, 1e-6))), 0, 6).astype(int)
             values[key] = np.vectorize(lambda v, n: round(float(v), int(n)))(value, places).tolist()
             spread[key] = np.vectorize(lambda s: float(f"{s:.1e}"))(apart).tolist()
@@ -238,11 +311,17 @@ def with_spread(results):
 
 
 def families(content):
-    """Area reduction of holes of three sizes at equal mu, from the symmetric states of samples 4-6."""
+    """Area reduction of holes of three sizes at equal mu, from symmetric states of samples 4-6."""
     mus = (-1.4678, -1.0678)
     tables = {size: content[name]["symmetric"] for size, name in FAMILIES.items()}
-    area = {size: [table["area"][table["mu"].index(mu)] for mu in mus] for size, table in tables.items()}
-    return {"about": "four circular holes of so many pi mm^2 each: the symmetric states of samples 4-6", "mu": mus, "area": area}
+    area = {
+        size: [table["area"][table["mu"].index(mu)] for mu in mus] for size, table in tables.items()
+    }
+    return {
+        "about": "four circular holes of so many pi mm^2 each: the symmetric states of samples 4-6",
+        "mu": mus,
+        "area": area,
+    }
 
 
 if __name__ == "__main__":

@@ -1,10 +1,14 @@
-"""Many sheets by one program: ``jax.vmap`` of a sweep of sample 1 and of its gradient, beside the host's sweep.
+"""Many sheets by one program: ``jax.vmap`` of a sweep of sample 1 and of its gradient.
+
+The host's sweep is timed beside it.
 
     python benchmarks/gpu.py [--spacing 1.1] [--batch 16] [--states 30] [--repeats 3] [--out FILE]
 
-Every sheet has ellipses (semi-axes, centre, angle) and a gel (Nv, chi) of its own, 22 numbers. Runs on JAX's default device, a GPU
-if there is one, and without contact. Prints and writes gpu.json beside this file: seconds of compilation, and a sheet's seconds alone,
-in the batch, with its gradient, and by the host, the set-up of the sheet included; ratios to the host; the largest differences.
+Every sheet has ellipses (semi-axes, centre, angle) and a gel (Nv, chi) of its own, 22 numbers. Runs
+on JAX's default device, a GPU if there is one, and without contact. Prints and writes gpu.json
+beside this file: seconds of compilation, and a sheet's seconds alone, in the batch, with its
+gradient, and by the host, the set-up of the sheet included; ratios to the host; the largest
+differences.
 """  # fmt: skip
 
 import argparse
@@ -30,27 +34,41 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--spacing", type=float, default=1.1, help="node spacing in mm (1.1)")
     parser.add_argument("--batch", type=int, default=16, help="sheets at once (16)")
-    parser.add_argument("--states", type=int, default=30, help="states from mu = -4.9678 to -0.9178 (30)")
-    parser.add_argument("--repeats", type=int, default=3, help="runs of which the median is taken (3)")
+    parser.add_argument(
+        "--states", type=int, default=30, help="states from mu = -4.9678 to -0.9178 (30)"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=3, help="runs of which the median is taken (3)"
+    )
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("gpu.json"))
     options = parser.parse_args()
     plate = jaxgel.sample("sample-1")
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=options.spacing))
     mu = np.linspace(-4.9678, -0.9178, options.states)
     names = ["semi_axes", "centre", "angle"]
-    start = np.concatenate([np.r_[hole.semi_axes, hole.centre, hole.angle] for hole in plate.holes] + [[1e-3, 1e-4]])
-    sheets = start + SPREAD * np.random.default_rng(5).uniform(-1, 1, (options.batch, len(start))) * np.where(start, start, 1.0)
+    start = np.concatenate(
+        [np.r_[hole.semi_axes, hole.centre, hole.angle] for hole in plate.holes] + [[1e-3, 1e-4]]
+    )
+    sheets = start + SPREAD * np.random.default_rng(5).uniform(
+        -1, 1, (options.batch, len(start))
+    ) * np.where(start, start, 1.0)
 
     def rotation(numbers):
         """Core rotation of the last state, degrees, and the positions of all states."""
-        parts = [dict(zip(names, (p[:2], p[2:4], p[4]), strict=True)) for p in numbers[:-2].reshape(-1, 5)]
+        parts = [
+            dict(zip(names, (p[:2], p[2:4], p[4]), strict=True))
+            for p in numbers[:-2].reshape(-1, 5)
+        ]
         placed = jaxgel.discretise(model.cloud.at(plate.at(parts)))
         gel = jaxgel.Gel(Nv=numbers[-2], chi=numbers[-1])
         path = jaxgel.sweep(jaxgel.Problem(placed, gel, contact=False), mu)
         return jaxgel.core_rotation(path)[-1], path.x
 
     slope = jax.value_and_grad(rotation, has_aux=True)
-    sheets, row = jnp.asarray(sheets), {"device": str(jax.devices()[0]), "jax": jax.__version__, "nodes": model.n_nodes}
+    sheets, row = (
+        jnp.asarray(sheets),
+        {"device": str(jax.devices()[0]), "jax": jax.__version__, "nodes": model.n_nodes},
+    )
     programs = {"alone": rotation, "batch": jax.vmap(rotation), "gradient": jax.vmap(slope)}
     given = {"alone": sheets[0], "batch": sheets, "gradient": sheets}
     found = {}
@@ -65,14 +83,31 @@ def main():
     row |= {f"{name}_over_host": row[f"{name}_s"] / row["host_s"] for name in ("alone", "batch")}
     row["gradient_over_host"] = row["gradient_s"] / row["host_gradient_s"]
     row["gradient_over_batch"] = row["gradient_s"] / row["batch_s"]
-    row["difference_mm"] = float(max(jnp.abs(found["batch"][1][0] - x).max(), jnp.abs(found["alone"][1] - x).max()))
-    row["gradient_difference"] = float(jnp.abs(found["gradient"][1][0] - by_host).max() / jnp.abs(by_host).max())
+    row["difference_mm"] = float(
+        max(jnp.abs(found["batch"][1][0] - x).max(), jnp.abs(found["alone"][1] - x).max())
+    )
+    row["gradient_difference"] = float(
+        jnp.abs(found["gradient"][1][0] - by_host).max() / jnp.abs(by_host).max()
+    )
     row["lost"] = int(jnp.sum(~jnp.isfinite(found["batch"][0])))
-    row |= {"batch": options.batch, "states": options.states, "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")}
-    print(*(f"{name}: {value:.3g}" if isinstance(value, float) else f"{name}: {value}" for name, value in row.items()), sep="\n")
+    row |= {
+        "batch": options.batch,
+        "states": options.states,
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan"),
+    }
+    print(
+        *(
+            f"{name}: {value:.3g}" if isinstance(value, float) else f"{name}: {value}"
+            for name, value in row.items()
+        ),
+        sep="\n",
+    )
     options.out.write_text(json.dumps(row, indent=1) + "\n")
     if not (row["difference_mm"] < AGREEMENT and row["gradient_difference"] < OF_GRADIENTS):
-        sys.exit(f"gpu.py: program and host differ by more than {AGREEMENT:g} mm or {OF_GRADIENTS:g} of the gradient")
+        sys.exit(
+            f"gpu.py: program and host differ by more than {AGREEMENT:g} mm or {OF_GRADIENTS:g} "
+            "of the gradient"
+        )
 
 
 def timed(function, repeats):

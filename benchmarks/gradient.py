@@ -2,11 +2,13 @@
 
     python benchmarks/gradient.py [--out DIR] [--spacing H] [--repeats N]
 
-Two objectives, the rotation at the last mu and the sum of squares of the core rotation over the whole curve; 4 and 60 design
-parameters (semi-axes, or Fourier modes of the outlines). Prints medians after compilation and the cost of a gradient over the cost of
-the sweep, (value and gradient - value) / value, and writes gradient.json into DIR. The two are timed in turn, and the median is that of
-pairs: a machine is not equally fast all the time. Both times include the discretisation of the moved cloud. The reverse pass alone, in
-the column before the last, is a difference of nothing: its share varies less.
+Two objectives, the rotation at the last mu and the sum of squares of the core rotation over the
+whole curve; 4 and 60 design parameters (semi-axes, or Fourier modes of the outlines). Prints
+medians after compilation and the cost of a gradient over the cost of the sweep, (value and
+gradient - value) / value, and writes gradient.json into DIR. The two are timed in turn, and the
+median is that of pairs: a machine is not equally fast all the time. Both times include the
+discretisation of the moved cloud. The reverse pass alone, in the column before the last, is a
+difference of nothing: its share varies less.
 """  # fmt: skip
 
 import argparse
@@ -28,22 +30,44 @@ TARGETS = {"last state": 0.15, "whole curve": 0.3}
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/gradient"), help="folder for gradient.json (out/gradient)")
-    parser.add_argument("--spacing", type=float, default=None, help="node spacing in mm (the paper's 0.55)")
-    parser.add_argument("--repeats", type=int, default=9, help="pairs of runs of which the median is taken (9)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/gradient"),
+        help="folder for gradient.json (out/gradient)",
+    )
+    parser.add_argument(
+        "--spacing", type=float, default=None, help="node spacing in mm (the paper's 0.55)"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=9, help="pairs of runs of which the median is taken (9)"
+    )
     options = parser.parse_args()
     rows = []
-    print(f"{'parameters':>10} {'objective':>12} {'sweep':>8} {'+ gradient':>10} {'cost':>6} {'target':>7} {'reverse':>8} {'compile':>8}")
+    print(
+        f"{'parameters':>10} {'objective':>12} {'sweep':>8} {'+ gradient':>10} {'cost':>6} "
+        f"{'target':>7} {'reverse':>8} {'compile':>8}"
+    )
     for name, (objectives, start) in problems(options.spacing).items():
         for label, objective in objectives.items():
             first, *times = times_in_turn(objective, start, options.repeats)
             value, record, reverse = np.transpose(times)
-            cost, share = float(np.median((record + reverse) / value - 1)), float(np.median(reverse) / np.median(value))
-            row = dict(parameters=name, objective=label, sweep_s=np.median(value), both_s=np.median(record + reverse), cost=cost)
+            cost, share = (
+                float(np.median((record + reverse) / value - 1)),
+                float(np.median(reverse) / np.median(value)),
+            )
+            row = dict(
+                parameters=name,
+                objective=label,
+                sweep_s=np.median(value),
+                both_s=np.median(record + reverse),
+                cost=cost,
+            )
             row |= dict(target=TARGETS[label], reverse=share, first_call_s=sum(first))
             rows.append(row)
             print(
-                f"{name:>10} {label:>12} {row['sweep_s']:7.3f}s {row['both_s']:9.3f}s {cost:6.2f} {row['target']:7.2f} {share:8.2f} "
+                f"{name:>10} {label:>12} {row['sweep_s']:7.3f}s {row['both_s']:9.3f}s {cost:6.2f} "
+                f"{row['target']:7.2f} {share:8.2f} "
                 f"{row['first_call_s']:7.1f}s",
                 flush=True,
             )
@@ -57,25 +81,40 @@ def problems(spacing):
     ellipses = jaxgel.sample("sample-1")
     centres = [np.asarray(hole.centre) for hole in ellipses.holes]
     fourier = jaxgel.Plate(
-        22, 22, [jaxgel.Fourier(c, 4.5, np.zeros(MODES), np.zeros(MODES)) for c in centres], spacing=ellipses.spacing, gel=ellipses.gel
+        22,
+        22,
+        [jaxgel.Fourier(c, 4.5, np.zeros(MODES), np.zeros(MODES)) for c in centres],
+        spacing=ellipses.spacing,
+        gel=ellipses.gel,
     )
 
     tilts = [hole.angle for hole in ellipses.holes]
 
-    @jax.jit  # as a user's own arithmetic should be: one operation at a time it takes longer than the placement of the cloud
+    # as a user's own arithmetic should be: one operation at a time it takes longer than the
+    # placement of the cloud
+    @jax.jit
     def axes(p):
         both = zip(centres, tilts, strict=True)
-        return [{"semi_axes": p[:2], "centre": c + np.sign(c) * p[2], "angle": tilt + p[3]} for c, tilt in both]
+        return [
+            {"semi_axes": p[:2], "centre": c + np.sign(c) * p[2], "angle": tilt + p[3]}
+            for c, tilt in both
+        ]
 
     @jax.jit
     def modes(p):
-        return [{"radius": q[0], "cos": q[1 : 1 + MODES], "sin": q[1 + MODES :]} for q in p.reshape(4, -1)]
+        return [
+            {"radius": q[0], "cos": q[1 : 1 + MODES], "sin": q[1 + MODES :]}
+            for q in p.reshape(4, -1)
+        ]
 
     one = np.concatenate([[4.5, 0.3], np.zeros(2 * MODES - 1)])
     other = np.concatenate([[4.5, -0.3], np.zeros(2 * MODES - 1)])
     return {
         "4": (objectives(ellipses, axes, spacing), jnp.array([5.0, 4.0, 0.0, 0.0])),
-        "60": (objectives(fourier, modes, spacing), jnp.asarray(np.concatenate([one, other, one, other]))),
+        "60": (
+            objectives(fourier, modes, spacing),
+            jnp.asarray(np.concatenate([one, other, one, other])),
+        ),
     }
 
 
@@ -84,7 +123,9 @@ def objectives(plate, theta, spacing):
     cloud = jaxgel.make_cloud(plate, spacing=spacing)
 
     def path(p):
-        return jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud.at(plate.at(theta(p)))), plate.gel), MU)
+        return jaxgel.sweep(
+            jaxgel.Problem(jaxgel.discretise(cloud.at(plate.at(theta(p)))), plate.gel), MU
+        )
 
     return {
         "last state": lambda p: jaxgel.core_rotation(path(p))[-1],
@@ -93,7 +134,10 @@ def objectives(plate, theta, spacing):
 
 
 def times_in_turn(objective, start, repeats):
-    """Seconds of the value, of the value recorded for the reverse pass, and of that, ``repeats`` + 1 times at slightly other parameters."""
+    """Seconds of value, recorded value and gradient, ``repeats`` + 1 times at moved parameters.
+
+    They are moved slightly; the value is recorded for the reverse pass.
+    """
     seconds = []
     for k in range(repeats + 1):
         at = start * (1 + 1e-6 * k)

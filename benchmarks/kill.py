@@ -1,13 +1,16 @@
-"""Runs, designs and maps killed at random moments (SIGKILL) and resumed: each ends with the numbers of an uninterrupted one.
+"""Runs, designs and maps killed at random moments and resumed, against uninterrupted ones.
 
-Designs and maps have them to the bit, a single sweep to the tolerance of its states; with chosen steps its last state is compared.
+They are killed by SIGKILL; the numbers must be the same. Designs and maps have them to the bit, a
+single sweep to the tolerance of its states; with chosen steps its last state is compared.
 
     python benchmarks/kill.py [KILLS] [KIND ...]
 
-The kinds take turns until KILLS (20) kills are done: sample 4 on 321 nodes, which buckles, at twelve given values of mu ("given") and with
-chosen steps ("chosen"), a small design and a small map on two processes. A kill falls soon, 0.2 s in the mean, after a number of states, or
-of a design's sweeps, drawn among those that there will be, none and all included; half of the resumed processes are killed as well, in
-the first five seconds. Prints a line per folder; exit code 1 if any ends differently.
+The kinds take turns until KILLS (20) kills are done: sample 4 on 321 nodes, which buckles, at
+twelve given values of mu ("given") and with chosen steps ("chosen"), a small design and a small map
+on two processes. A kill falls soon, 0.2 s in the mean, after a number of states, or of a design's
+sweeps, drawn among those that there will be, none and all included; half of the resumed processes
+are killed as well, in the first five seconds. Prints a line per folder; exit code 1 if any ends
+differently.
 """
 
 import csv
@@ -69,10 +72,21 @@ COMMANDS = {  # arguments, beside --quiet and --out, and the file that makes a f
 
 def process_of(kind, folder, *, resume=False):
     """The process that begins, or goes on with, a folder beside the studies."""
-    last = ["--no-plots"] if kind in ("given", "chosen") else ["--workers", "2"] if kind == "map" else []
+    last = (
+        ["--no-plots"]
+        if kind in ("given", "chosen")
+        else ["--workers", "2"]
+        if kind == "map"
+        else []
+    )
     words = ["resume", folder.name, *last] if resume else [*COMMANDS[kind][0], "--out", folder.name]
     quiet = [] if resume and kind == "design" else ["--quiet"]
-    return subprocess.Popen([*JAXGEL, *words, *quiet], cwd=folder.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    return subprocess.Popen(
+        [*JAXGEL, *words, *quiet],
+        cwd=folder.parent,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+    )
 
 
 def ended(process):
@@ -82,7 +96,7 @@ def ended(process):
 
 
 def progress(kind, folder):
-    """Number of states, or of a design's sweeps, on disk; -1 where there is nothing to resume yet."""
+    """Number of states, or of a design's sweeps, on disk; -1 if there is nothing to resume yet."""
     if not (folder / COMMANDS[kind][1]).is_file():
         return -1
     if kind == "design":
@@ -92,7 +106,11 @@ def progress(kind, folder):
 
 def numbers(folder):
     """File -> content of all that a folder holds but figures and the time it took."""
-    return {str(file.relative_to(folder)): _content(file) for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix != ".png"}
+    return {
+        str(file.relative_to(folder)): _content(file)
+        for file in sorted(folder.rglob("*"))
+        if file.is_file() and file.suffix != ".png"
+    }
 
 
 def same(kind, folder, expected):
@@ -101,8 +119,12 @@ def same(kind, folder, expected):
         return numbers(folder) == numbers(expected)
     one, two = (np.load(place / "states.npz") for place in (folder, expected))
     if kind == "given":
-        return one["x"].shape == two["x"].shape and bool(np.allclose(one["x"], two["x"], rtol=0, atol=1e-9))
-    return one["mu"][-1] == two["mu"][-1] and bool(np.allclose(one["x"][-1], two["x"][-1], rtol=0, atol=1e-9))
+        return one["x"].shape == two["x"].shape and bool(
+            np.allclose(one["x"], two["x"], rtol=0, atol=1e-9)
+        )
+    return one["mu"][-1] == two["mu"][-1] and bool(
+        np.allclose(one["x"][-1], two["x"][-1], rtol=0, atol=1e-9)
+    )
 
 
 def _content(file):
@@ -119,7 +141,7 @@ def _without_time(pairs):
 
 
 def killed(process, wait_for, seconds):
-    """Whether a process was killed so many seconds after ``wait_for()``, not having ended before."""
+    """Whether a process was still running, and killed, so many seconds after ``wait_for()``."""
     while process.poll() is None and not wait_for():
         time.sleep(0.01)
     try:
@@ -145,7 +167,11 @@ def main():
         while done < kills:
             kind, folder, left = kinds[turn % len(kinds)], scratch / f"killed-{turn}", []
             least, process = rng.randint(0, expected[kind]), process_of(kind, folder)
-            if killed(process, lambda kind=kind, folder=folder, least=least: progress(kind, folder) >= least, rng.expovariate(5)):
+            if killed(
+                process,
+                lambda kind=kind, folder=folder, least=least: progress(kind, folder) >= least,
+                rng.expovariate(5),
+            ):
                 left.append(progress(kind, folder))
             if done + len(left) < kills and rng.choice((True, False)):
                 process = process_of(kind, folder, resume=True)
@@ -154,8 +180,15 @@ def main():
             ended(process_of(kind, folder, resume=True))
             done, turn, alike = done + len(left), turn + 1, same(kind, folder, scratch / kind)
             wrong += not alike
-            what = f"killed at {' and '.join(map(str, left))} of {expected[kind]}" if left else "ended before"
-            print(f"{done:2d} kills, {kind}: {what}: {'the same' if alike else 'DIFFERENT'}", flush=True)
+            what = (
+                f"killed at {' and '.join(map(str, left))} of {expected[kind]}"
+                if left
+                else "ended before"
+            )
+            print(
+                f"{done:2d} kills, {kind}: {what}: {'the same' if alike else 'DIFFERENT'}",
+                flush=True,
+            )
     print(f"{done} kills, {wrong} folders ended differently")
     return int(wrong > 0)
 

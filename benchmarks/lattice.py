@@ -1,8 +1,11 @@
-"""The lattice (Deng et al. 2020, Fig. 13) on its buckled branch, with contact: pattern, aspect ratio, rotation and area against mu.
+"""The lattice (Deng et al. 2020, Fig. 13) on its buckled branch, with contact.
+
+Pattern, aspect ratio, rotation and area against mu.
 
     python benchmarks/lattice.py [--out docs] [--quick]
 
-``--quick`` has five states. Writes lattice.csv and lattice.png; the finite elements are those of ``finite_elements.py``.
+``--quick`` has five states. Writes lattice.csv and lattice.png; the finite elements are those of
+``finite_elements.py``.
 """
 
 import argparse
@@ -21,8 +24,14 @@ import matplotlib.pyplot as plt
 
 from jaxgel.plotting import plot_patterns
 
-MU = [-4.9678, -3.9678, -3.4678, -3.2, -3.15, -2.9678, -2.4678, -1.9678, -1.4678, -0.9678, -0.6678, -0.4678, -0.3678]
-MU += [-0.34, -0.3178, -0.3, -0.285, -0.2688, -0.25, -0.24, -0.23, -0.22, -0.21, -0.20, -0.195, -0.19, -0.18, -0.1688]
+MU = [
+    -4.9678, -3.9678, -3.4678, -3.2, -3.15, -2.9678, -2.4678, -1.9678, -1.4678, -0.9678, -0.6678,
+    -0.4678, -0.3678,
+]  # fmt: skip
+MU += [
+    -0.34, -0.3178, -0.3, -0.285, -0.2688, -0.25, -0.24, -0.23, -0.22, -0.21, -0.20, -0.195, -0.19,
+    -0.18, -0.1688,
+]  # fmt: skip
 QUICK = [-2.9678, -2.4678, -1.4678, -0.9678, -0.6678]
 CENTRE = 12  # the hole at the origin
 
@@ -39,13 +48,22 @@ def lattice(mu=MU):
 
 
 def table(path):
-    """Columns (k, 6): mu, aspect ratio of the central hole, core rotation in degrees, area reduction, smallest gap, negative pivots."""
-    columns = path.mu, aspect_ratio(path)[:, CENTRE], np.abs(jaxgel.core_rotation(path)), jaxgel.area_reduction(path)
+    """Columns (k, 6) of the sweep: mu, aspect ratio, core rotation, area, gap, negative pivots.
+
+    The aspect ratio is that of the central hole, the rotation in degrees, the area its reduction,
+    the gap the smallest one.
+    """
+    columns = (
+        path.mu,
+        aspect_ratio(path)[:, CENTRE],
+        np.abs(jaxgel.core_rotation(path)),
+        jaxgel.area_reduction(path),
+    )
     return np.stack([*map(np.asarray, columns), jaxgel.min_gap(path), path.negative_pivots], axis=1)
 
 
 def draw(path, rows, file):
-    """Patterns above, the three curves below, broken where the gel, with holes in contact, snaps to another branch."""
+    """Patterns above, the three curves below, broken at a snap of the gel in contact."""
     figure = plt.figure(figsize=(7.2, 4.5), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(1, 1.1))
     patterns = above.subplots(1, 4)
@@ -57,14 +75,31 @@ def draw(path, rows, file):
     labels = "aspect ratio of the central hole", "core rotation (°)", "area reduction (%)"
     for ax, k, label in zip(below.subplots(1, 3), (1, 2, 3), labels, strict=True):
         for part in np.split(rows, snaps):
-            ax.plot(-part[:, 0], part[:, k] * (100 if k == 3 else 1), "o-", color="#0072b2", markersize=2.5, linewidth=1)
+            ax.plot(
+                -part[:, 0],
+                part[:, k] * (100 if k == 3 else 1),
+                "o-",
+                color="#0072b2",
+                markersize=2.5,
+                linewidth=1,
+            )
         if contact.any():
-            ax.axvline(-rows[np.argmax(contact), 0], color="#5c6670", linestyle="--", linewidth=0.8, label="first contact")
+            ax.axvline(
+                -rows[np.argmax(contact), 0],
+                color="#5c6670",
+                linestyle="--",
+                linewidth=0.8,
+                label="first contact",
+            )
         if k == 2:
             known = FINITE_ELEMENTS["lattice"]["buckled"]
-            ax.plot(-np.array(known["mu"]), known["core"], "x", color="#d55e00", label="finite elements")
+            ax.plot(
+                -np.array(known["mu"]), known["core"], "x", color="#d55e00", label="finite elements"
+            )
             ax.legend(frameon=False, fontsize=7, loc="upper left")
-        ax.set(xscale="log", xlim=(5.5, 0.15), xlabel=r"chemical potential $\mu$ ($kT$)", ylabel=label)
+        ax.set(
+            xscale="log", xlim=(5.5, 0.15), xlabel=r"chemical potential $\mu$ ($kT$)", ylabel=label
+        )
         ax.set_xticks([5, 2, 1, 0.5, 0.2], ["−5", "−2", "−1", "−0.5", "−0.2"])
         ax.minorticks_off()
     figure.savefig(file, dpi=180)
@@ -72,7 +107,12 @@ def draw(path, rows, file):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs", help="folder of lattice.csv and lattice.png (docs)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path(__file__).parents[1] / "docs",
+        help="folder of lattice.csv and lattice.png (docs)",
+    )
     parser.add_argument("--quick", action="store_true", help="five states")
     options = parser.parse_args()
     out = options.out
@@ -82,4 +122,9 @@ if __name__ == "__main__":
     names = "mu,aspect_ratio,core_rotation_deg,area_reduction,min_gap_mm,negative_pivots"
     np.savetxt(out / "lattice.csv", rows, delimiter=",", header=names, comments="", fmt="%.6g")
     draw(path, rows, out / "lattice.png")
-    print(names, *(",".join(f"{value:.5g}" for value in row) for row in rows), path.stop_text, sep="\n")
+    print(
+        names,
+        *(",".join(f"{value:.5g}" for value in row) for row in rows),
+        path.stop_text,
+        sep="\n",
+    )

@@ -1,8 +1,10 @@
-"""A swollen gel as a mixed finite-element problem (NGSolve), for ``ngsolve_sweep.py`` and ``finite_elements.py``.
+"""A swollen gel as a mixed finite-element problem (NGSolve).
 
-Displacement u of order k on curved triangles, pressure p discontinuous of order k-1 and condensed element by element. The stationary
-point of L(u, p) = int Nv/2 (F:F - 2) + p (J - 1) - g*(p) is sought, where g* is the Legendre transform of the mixing energy, so that
-the volume ratio J*(p) > 1 is feasible for every p (see ``volume_ratio``). Lengths in mm, energies in kT/v times mm^2, mu in kT.
+For ``ngsolve_sweep.py`` and ``finite_elements.py``. Displacement u of order k on curved triangles,
+pressure p discontinuous of order k-1 and condensed element by element. The stationary point of
+L(u, p) = int Nv/2 (F:F - 2) + p (J - 1) - g*(p) is sought, where g* is the Legendre transform of
+the mixing energy, so that the volume ratio J*(p) > 1 is feasible for every p (see
+``volume_ratio``). Lengths in mm, energies in kT/v times mm^2, mu in kT.
 """
 
 import functools
@@ -19,20 +21,26 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from jaxgel import Circle, Ellipse, Fourier
 
 SIDES = (("left", "right"), ("bottom", "top"))
-TOLERANCE = 1e-10  # mm, of the displacement; leaves a residual near 1e-13 of the network's nodal forces, no looser than jaxgel
+# mm, of the displacement; leaves a residual near 1e-13 of the network's nodal forces, no looser
+# than jaxgel
+TOLERANCE = 1e-10
 SPLINE = 256  # points of the periodic cubic spline that stands for a Fourier outline
 KEEP = 0.1  # a factorisation is kept while each correction is below this fraction of the one before
 
 
 def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
-    """Triangles of a ``jaxgel.Plate``, edges up to ``size`` mm long, to ``hole`` mm on the outlines, to ``corner`` mm at their corners.
+    """Triangles of a ``jaxgel.Plate`` with edges up to ``size`` mm long.
 
-    Regions of the plate are domains with the names "region0", "region1" ..., their outlines as fine as the holes'. With ``folds`` = n the
-    lower left part, 1/2^n of either side, is meshed and then mirrored n times each way, so that the mesh has the mirror lines of the plate
-    to round-off. The boundaries are "x" and "y", the walls by their normal but for free edges, and "hole".
+    They are up to ``hole`` mm on the outlines and ``corner`` mm at their corners. Regions of the
+    plate are domains with the names "region0", "region1" ..., their outlines as fine as the holes'.
+    With ``folds`` = n the lower left part, 1/2^n of either side, is meshed and then mirrored n
+    times each way, so that the mesh has the mirror lines of the plate to round-off. The boundaries
+    are "x" and "y", the walls by their normal but for free edges, and "hole".
     """
     left, bottom = -plate.width / 2, -plate.height / 2
-    face = occ.MoveTo(left, bottom).Rectangle(plate.width / 2**folds, plate.height / 2**folds).Face()
+    face = (
+        occ.MoveTo(left, bottom).Rectangle(plate.width / 2**folds, plate.height / 2**folds).Face()
+    )
     for outline in map(_face, plate.holes):
         outline.edges.maxh, outline.edges.name = hole, "hole"
         outline.vertices.maxh = corner or hole
@@ -47,7 +55,10 @@ def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
     face = occ.Glue([face, *parts]) if parts else face
     mesh = occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=size, grading=grading)
     for n in range(folds, 0, -1):
-        for start, length, axis in ((left, plate.width, (1, 0, 0)), (bottom, plate.height, (0, 1, 0))):
+        for start, length, axis in (
+            (left, plate.width, (1, 0, 0)),
+            (bottom, plate.height, (0, 1, 0)),
+        ):
             point = netgen.meshing.Pnt(*(np.array(axis) * (start + length / 2**n)))
             mesh = mesh.Mirror(point, netgen.meshing.Vec(*axis))
     walls = [mesh.AddRegion(name, 1) for name in "xy"]
@@ -67,8 +78,20 @@ def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
 def _face(hole):
     if isinstance(hole, Fourier):
         points = np.asarray(jax.vmap(hole.point)(np.arange(SPLINE) / SPLINE))
-        return occ.Face(occ.Wire([occ.SplineInterpolation([(*map(float, point), 0) for point in points], periodic=True)]))
-    plane = occ.WorkPlane().MoveTo(*map(float, hole.centre)).Rotate(np.degrees(float(getattr(hole, "angle", 0))))
+        return occ.Face(
+            occ.Wire(
+                [
+                    occ.SplineInterpolation(
+                        [(*map(float, point), 0) for point in points], periodic=True
+                    )
+                ]
+            )
+        )
+    plane = (
+        occ.WorkPlane()
+        .MoveTo(*map(float, hole.centre))
+        .Rotate(np.degrees(float(getattr(hole, "angle", 0))))
+    )
     if isinstance(hole, Circle):
         return plane.Circle(float(hole.radius)).Face()
     if isinstance(hole, Ellipse):
@@ -77,11 +100,14 @@ def _face(hole):
 
 
 def _curve(mesh, plate, order):
-    """Move the chords of circles onto them: interpolation of order k on each edge, as ``Curve`` does."""
+    """Move the chords of circles onto them by interpolation of order k, as ``Curve`` does."""
     move = ng.CF((0, 0))
     for hole in plate.holes:
         if isinstance(hole, Circle):
-            arm, radius = ng.CF((ng.x, ng.y)) - ng.CF(tuple(map(float, hole.centre))), float(hole.radius)
+            arm, radius = (
+                ng.CF((ng.x, ng.y)) - ng.CF(tuple(map(float, hole.centre))),
+                float(hole.radius),
+            )
             move += ng.IfPos(radius * (1 + 1e-6) - ng.Norm(arm), radius / ng.Norm(arm) - 1, 0) * arm
     deformation = ng.GridFunction(ng.VectorH1(mesh, order=order))
     deformation.Set(move, definedon=mesh.Boundaries("hole"), dual=True)
@@ -91,8 +117,9 @@ def _curve(mesh, plate, order):
 def volume_ratio(p, mu, gel, steps=2):
     """J*(p) > 1 that solves ln(1 - 1/J) + 1/J + chi/J^2 - Nv/J = mu + p, as an NGSolve expression.
 
-    With w = 1 - 1/J and Nv = chi = 0 this is ln w - w = mu + p - 1, so -w is the Lambert W function of -exp(mu + p - 1): its series
-    starts the Newton ``steps``. Two give twelve digits below mu + p = -0.9, four below -0.2.
+    With w = 1 - 1/J and Nv = chi = 0 this is ln w - w = mu + p - 1, so -w is the Lambert W function
+    of -exp(mu + p - 1): its series starts the Newton ``steps``. Two give twelve digits below mu +
+    p = -0.9, four below -0.2.
     """
     s = mu + p
     z = ng.exp(s - 1)
@@ -107,21 +134,32 @@ class MixedGel:
     """One mesh of a plate with its state (u, p), residual, tangent and factorisation."""
 
     def __init__(self, plate, mesh, order, steps=2):
-        self.plate, self.mesh, self.order, self.mu, gel = plate, mesh, order, ng.Parameter(0.0), plate.gel
+        self.plate, self.mesh, self.order, self.mu, gel = (
+            plate,
+            mesh,
+            order,
+            ng.Parameter(0.0),
+            plate.gel,
+        )
         displacement = ng.VectorH1(mesh, order=order, dirichletx="x", dirichlety="y")
         space = displacement * ng.L2(mesh, order=order - 1)
         self.free_dofs, self.n_displacement = sum(displacement.FreeDofs()), displacement.ndof
         self.state = ng.GridFunction(space)
         self.u, self.p = self.state.components
-        self.dx = ng.dx(intrules={ng.TRIG: ng.IntegrationRule(ng.TRIG, 2 * order - 1)})  # the default would be a denser rule
+        # the default would be a denser rule
+        self.dx = ng.dx(intrules={ng.TRIG: ng.IntegrationRule(ng.TRIG, 2 * order - 1)})
         (du, dp), (v, q) = space.TnT()
         grad_u, grad_v = ng.Grad(du), ng.Grad(v)
         self.F = ng.Id(2) + ng.Grad(self.u)
         C = cofactor(self.F)
         self.J, self.compliance = (part.Compile() for part in self.volumes(gel, steps))
-        # One term per line, because NGSolve evaluates every factor of an integrand once for each pair of components.
+        # One term per line, because NGSolve evaluates every factor of an integrand once for each
+        # pair of components.
         self.tangent = ng.BilinearForm(space, condense=True)
-        self.tangent += (gel.Nv * ng.InnerProduct(grad_u, grad_v) + self.p * ng.InnerProduct(cofactor(grad_u), grad_v)) * self.dx
+        self.tangent += (
+            gel.Nv * ng.InnerProduct(grad_u, grad_v)
+            + self.p * ng.InnerProduct(cofactor(grad_u), grad_v)
+        ) * self.dx
         self.tangent += (dp * ng.InnerProduct(C, grad_v) + q * ng.InnerProduct(C, grad_u)) * self.dx
         self.tangent += -self.compliance * dp * q * self.dx
         self.residual = ng.LinearForm(space)
@@ -129,7 +167,8 @@ class MixedGel:
         self.residual += q * (ng.Det(self.F) - self.J).Compile() * self.dx
         self.step = self.state.vec.CreateVector()
         self.inverse, self.free = None, space.FreeDofs(True)
-        self.midline = np.linspace(-0.5, 0.5, 1001) * plate.width  # where extrema of the deformed line y = 0 are sought, mm
+        # where extrema of the deformed line y = 0 are sought, mm
+        self.midline = np.linspace(-0.5, 0.5, 1001) * plate.width
 
     def volumes(self, gel, steps):
         """J*(p) and dJ*/dp."""
@@ -145,7 +184,8 @@ class MixedGel:
     def factor(self):
         self.tangent.Assemble()
         if self.inverse is None:
-            self.inverse = self.tangent.mat.Inverse(self.free, inverse="sparsecholesky")  # LDL^T without pivoting
+            # LDL^T without pivoting
+            self.inverse = self.tangent.mat.Inverse(self.free, inverse="sparsecholesky")
         else:
             self.inverse.Update()
 
@@ -170,16 +210,19 @@ class MixedGel:
                 factorisations += 1
             before, size = size, self.correct()
             contraction = size / before
-            if size < TOLERANCE or (corrections > 1 and size * contraction < TOLERANCE / 10):  # what the next correction would be
+            # what the next correction would be
+            if size < TOLERANCE or (corrections > 1 and size * contraction < TOLERANCE / 10):
                 return factorisations, corrections
         raise RuntimeError(f"NGSolve: no equilibrium at mu = {mu}, last correction {size:.1e} mm")
 
     def follow(self, mus):
-        """Equilibria at each of ``mus`` in turn from the present state, extrapolated from up to three before; yields mu."""
+        """Equilibria at each of ``mus`` in turn from the present state, extrapolated; yields mu."""
         history, state = [], self.state.vec.FV().NumPy()
         for mu in mus:
             if len(history) > 1:
-                state[:] = BarycentricInterpolator([at for at, _ in history], [before for _, before in history])(mu)
+                state[:] = BarycentricInterpolator(
+                    [at for at, _ in history], [before for _, before in history]
+                )(mu)
             self.equilibrium(mu)
             history = [*history[-2:], (mu, state.copy())]
             yield mu
@@ -190,22 +233,33 @@ class MixedGel:
 
     def core_rotation(self):
         """Polar rotation of F at the plate's core, degrees."""
-        F11, F12, F21, F22 = self.F(self.points(*np.array(self.plate.core or (0.0, 0.0))[:, None])).ravel()
+        F11, F12, F21, F22 = self.F(
+            self.points(*np.array(self.plate.core or (0.0, 0.0))[:, None])
+        ).ravel()
         return float(np.degrees(np.arctan2(F21 - F12, F11 + F22)))
 
     def midline_rotation(self):
-        """Angle to the x axis of the line from the lowest to the highest point of the deformed midline y = 0, degrees."""
+        """Angle to the x axis of the line from the midline's lowest to its highest point, degrees.
+
+        The midline is the deformed line y = 0.
+        """
         x = self.midline
         y = self.u(self.points(x, 0 * x))[:, 1]
         run, rise = self._extremum(x[y.argmax()]) - self._extremum(x[y.argmin()])
         return float(np.degrees(np.arctan(rise / run)))
 
     def _extremum(self, x, reach=0.05, degree=4):
-        """Point (2,) of the deformed midline that is extremal in y within ``reach`` of x, mm, of a polynomial fitted to the line there."""
+        """Point (2,) of the deformed midline extremal in y within ``reach`` of x, mm.
+
+        A polynomial is fitted to the line there.
+        """
         t = np.cos(np.pi * np.arange(2 * degree + 1) / (2 * degree))
         dry = np.stack([x + reach * t, 0 * t], axis=1)
         line = np.polynomial.chebyshev.Chebyshev.fit
-        along, height = (line(t, column, degree, domain=[-1, 1]) for column in (dry + self.u(self.points(*dry.T))).T)
+        along, height = (
+            line(t, column, degree, domain=[-1, 1])
+            for column in (dry + self.u(self.points(*dry.T))).T
+        )
         roots = height.deriv().roots()
         root = roots[np.abs(roots).argmin()].real
         return np.array([along(root), height(root)])
@@ -214,19 +268,37 @@ class MixedGel:
         """Total free energy of the dry plate (kT/v mm^2)."""
         J, gel = self.J, self.plate.gel
         mixing = -(J - 1) * ng.log(J / (J - 1)) - gel.chi / J - self.mu * (J - 1)
-        return float(ng.Integrate((gel.Nv / 2 * (ng.InnerProduct(self.F, self.F) - 2 - 2 * ng.log(J)) + mixing) * self.dx, self.mesh))
+        return float(
+            ng.Integrate(
+                (gel.Nv / 2 * (ng.InnerProduct(self.F, self.F) - 2 - 2 * ng.log(J)) + mixing)
+                * self.dx,
+                self.mesh,
+            )
+        )
 
     def modes(self, k=3):
-        """Number of negative eigenvalues of the condensed tangent, the k ones nearest to 0 in order, kT/v, and their modes (k, n).
+        """Number of negative eigenvalues of the condensed tangent, and k modes (k, n) nearest to 0.
 
-        The number is that of negative pivots (Sylvester); the eigenvalues are with respect to the mass of unit density. A mode is placed
-        as the state is, and displaces by 1 mm at most.
+        The number is that of negative pivots (Sylvester); the eigenvalues are with respect to the
+        mass of unit density. A mode is placed as the state is, and displaces by 1 mm at most.
         """
         self.tangent.Assemble()
         free = np.flatnonzero(self.free)
         tangent, mass = (sparse(form.mat)[free][:, free] for form in (self.tangent, self.mass))
-        lu = splu(tangent, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
-        values, vectors = eigsh(tangent, k, mass, sigma=0, OPinv=LinearOperator(tangent.shape, lu.solve), v0=np.ones(len(free)))
+        lu = splu(
+            tangent,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options=dict(SymmetricMode=True, Equil=False),
+        )
+        values, vectors = eigsh(
+            tangent,
+            k,
+            mass,
+            sigma=0,
+            OPinv=LinearOperator(tangent.shape, lu.solve),
+            v0=np.ones(len(free)),
+        )
         modes, order = np.zeros((k, len(self.state.vec))), np.argsort(values)
         for mode, vector in zip(modes, vectors[:, order].T, strict=True):
             self.step.FV().NumPy()[:] = 0
@@ -237,19 +309,26 @@ class MixedGel:
         return int(np.sum(lu.U.diagonal() < 0)), values[order], modes
 
     def area_reduction(self):
-        """Share of the holes' area that the gel has taken; the walls keep their place, so it is the area that the gel has gained."""
+        """Share of the holes' area that the gel has taken.
+
+        The walls keep their place, so it is the area that the gel has gained.
+        """
         dry = float(ng.Integrate(ng.CF(1), self.mesh))
         grown = float(ng.Integrate(ng.Det(self.F) * self.dx, self.mesh))
         return (grown - dry) / (self.plate.width * self.plate.height - dry)
 
     def outlines(self, parts=8):
-        """Points of the hole outlines, dry and deformed (m, 2), and the ratio (m,) of normal to tangential stretch; edge by edge."""
+        """Points of the outlines, dry and deformed (m, 2), and the ratio (m,) of stretches.
+
+        The ratio is normal to tangential, edge by edge.
+        """
         rule = ng.IntegrationRule([(t,) for t in np.arange(parts) / parts], [0.0] * parts)
         points = self.mesh.MapToAllElements(rule, self.mesh.Boundaries("hole"))
         dry, u = (ng.CF(values)(points) for values in ((ng.x, ng.y), self.u))
         tangent = ng.specialcf.tangential(2)
         stretch = ng.Norm(tangent + ng.Grad(self.u).Trace() * tangent)
-        ratio = ng.BoundaryFromVolumeCF(ng.Det(self.F)) / stretch**2  # without traction the normal is principal
+        # without traction the normal is principal
+        ratio = ng.BoundaryFromVolumeCF(ng.Det(self.F)) / stretch**2
         return dry, dry + u, ratio(points)[:, 0]
 
 

@@ -1,4 +1,4 @@
-"""Sample 1 swollen in 30 steps of mu by finite elements (NGSolve): the peer that ``sweep.py`` compares jaxgel with.
+"""Sample 1 swollen in 30 steps of mu by NGSolve: the peer of jaxgel in ``sweep.py``.
 
 Run as a script it computes the refined curve in reference_core_rotation.json again.
 """
@@ -33,15 +33,21 @@ class Row:
     grading: float = 0.3
     """Growth of the edges away from short ones."""
     keep: bool = True
-    """Whether a factorisation serves several corrections; False: Newton with a new tangent each time."""
+    """Whether a factorisation serves several corrections.
+
+    False: Newton with a new tangent each time.
+    """
 
     def gel(self):
         """The dry gel on this mesh."""
         plate = sample("sample-1")
-        return MixedGel(plate, plate_mesh(plate, self.order, self.plate, self.hole, self.grading), self.order)
+        return MixedGel(
+            plate, plate_mesh(plate, self.order, self.plate, self.hole, self.grading), self.order
+        )
 
 
-# From 10 % to 0.25 % in the core rotation, each about the cheapest of its order. The last two are cubic at 6,800 degrees of freedom.
+# From 10 % to 0.25 % in the core rotation, each about the cheapest of its order. The last two are
+# cubic at 6,800 degrees of freedom.
 ROWS = (
     Row(3, 4, 3, grading=0.8),
     Row(3, 6, 4),
@@ -59,7 +65,10 @@ ROWS = (
 
 
 def sweep(gel, keep=True, observe=MixedGel.core_rotation):
-    """Equilibria at MU from the dry plate, each started by quadratic extrapolation; (observed, factorisations, corrections)."""
+    """Equilibria at MU from the dry plate, by quadratic extrapolation, with counts.
+
+    (observed, factorisations, corrections).
+    """
     history, observed, counts = [], [], []
     state = gel.state.vec.FV().NumPy()
     state[:] = 0
@@ -74,7 +83,10 @@ def sweep(gel, keep=True, observe=MixedGel.core_rotation):
 
 
 def measure(row, runs, threads):
-    """Median of ``runs`` sweeps on one mesh after a first one, meshing and forms apart, as a dict."""
+    """Median of ``runs`` sweeps on one mesh after a first one, as a dict.
+
+    Meshing and forms are timed apart.
+    """
     ng.SetNumThreads(threads)
     with ng.TaskManager() if threads > 1 else contextlib.nullcontext():
         begin = time.perf_counter()
@@ -103,18 +115,31 @@ def measure(row, runs, threads):
 
 
 def write_reference():
-    """The refined curve to reference_core_rotation.json: quartic elements; quintic ones on another mesh give the spread."""
+    """The refined curve to reference_core_rotation.json: quartic elements.
+
+    Quintic ones on another mesh give the spread.
+    """
     curves, sizes = [], []
     for row in (Row(4, 1.2, 0.25), Row(5, 1.5, 0.3)):
         gel = row.gel()
-        observed = sweep(gel, observe=lambda gel: (gel.core_rotation(), gel.midline_rotation(), gel.energy()))[0]
+        observed = sweep(
+            gel, observe=lambda gel: (gel.core_rotation(), gel.midline_rotation(), gel.energy())
+        )[0]
         curves.append(np.array(observed).T)
-        sizes.append(f"P{row.order}, {gel.mesh.ne} curved triangles, {gel.free_dofs} free displacements")
+        sizes.append(
+            f"P{row.order}, {gel.mesh.ne} curved triangles, {gel.free_dofs} free displacements"
+        )
     names = ("core_rotation", "midline_rotation", "energy")
     spread = np.abs(curves[0] / curves[1] - 1).max(axis=1)
     content = {
-        "about": f"Sample 1 by NGSolve {ng.__version__}, {sizes[0]}; spread: largest relative difference to {sizes[1]}",
-        "units": "mu kT, rotations degrees (midline: line joining the highest and lowest point of y = 0), energy kT/v mm^2",
+        "about": (
+            f"Sample 1 by NGSolve {ng.__version__}, {sizes[0]}; spread: largest relative "
+            f"difference to {sizes[1]}"
+        ),
+        "units": (
+            "mu kT, rotations degrees (midline: line joining the highest and lowest point of y = "
+            "0), energy kT/v mm^2"
+        ),
         "spread": dict(zip(names, spread.tolist(), strict=True)),
         "mu": MU.round(9).tolist(),
         **dict(zip(names, curves[0].round(6).tolist(), strict=True)),

@@ -1,8 +1,9 @@
 """Swelling in time by finite elements (NGSolve), for ``swelling.py``.
 
-Displacement of order k, pressure discontinuous of order k - 1, chemical potential continuous of order k - 1, which is prescribed where the
-boundary is wetted: the whole of holes and free edges. The equations are those of jaxgel, the volume ratio is J*(p + mu) as in
-``ngsolve_gel``; SDIRK2 with the mobility of the stage.
+Displacement of order k, pressure discontinuous of order k - 1, chemical potential continuous of
+order k - 1, which is prescribed where the boundary is wetted: the whole of holes and free edges.
+The equations are those of jaxgel, the volume ratio is J*(p + mu) as in ``ngsolve_gel``; SDIRK2 with
+the mobility of the stage.
 """
 
 import ngsolve as ng
@@ -17,25 +18,38 @@ TOLERANCE = 1e-9  # of a correction, mm and kT
 
 
 class Swelling:
-    """A mesh of a plate, of ``ngsolve_gel.plate_mesh``, with a gel in equilibrium at ``start``, kT."""
+    """A mesh of ``ngsolve_gel.plate_mesh`` with a gel in equilibrium at ``start``, kT."""
 
     def __init__(self, mesh, gel, order, start):
         wet = "|".join(sorted(set(mesh.GetBoundaries()) - {"x", "y"}))
         displacement = ng.VectorH1(mesh, order=order, dirichletx="x", dirichlety="y")
-        space = displacement * ng.L2(mesh, order=order - 1) * ng.H1(mesh, order=order - 1, dirichlet=wet)
+        space = (
+            displacement
+            * ng.L2(mesh, order=order - 1)
+            * ng.H1(mesh, order=order - 1, dirichlet=wet)
+        )
         self.mesh, self.space, self.wet, self.tau = mesh, space, wet, ng.Parameter(0.0)
         self.state, self.old, self.first, self.edge = (ng.GridFunction(space) for _ in range(4))
         numbers = np.arange(space.ndof)
-        self.prescribed = numbers[(numbers >= space.Range(2).start) & ~np.array(list(space.FreeDofs()))]
+        self.prescribed = numbers[
+            (numbers >= space.Range(2).start) & ~np.array(list(space.FreeDofs()))
+        ]
         self.share = ng.Parameter(0.0)
         (u, p, mu), (v, q, w) = space.TnT()
         F = ng.Id(2) + ng.Grad(u)
         J, C = volume_ratio(p, mu, gel, STEPS), cofactor(F)
-        before, middle = (ng.Det(ng.Id(2) + ng.Grad(one.components[0])) for one in (self.old, self.first))
+        before, middle = (
+            ng.Det(ng.Id(2) + ng.Grad(one.components[0])) for one in (self.old, self.first)
+        )
         flux = (J - 1) / J**2 * ng.InnerProduct(C * ng.Grad(mu), C * ng.Grad(w))
         taken = (ng.Det(F) - before - self.share * (middle - before)) * w
         self.form = ng.BilinearForm(space)
-        self.form += (ng.InnerProduct(gel.Nv * F + p * C, ng.Grad(v)) + q * (ng.Det(F) - J) - taken - self.tau * flux).Compile() * ng.dx
+        self.form += (
+            ng.InnerProduct(gel.Nv * F + p * C, ng.Grad(v))
+            + q * (ng.Det(F) - J)
+            - taken
+            - self.tau * flux
+        ).Compile() * ng.dx
         self.state.components[2].Set(start)
         rest = ng.BitArray(space.FreeDofs())
         rest[space.Range(2)] = False
@@ -49,7 +63,9 @@ class Swelling:
         for share, mu in zip((0.0, (1 - GAMMA) / GAMMA), bath, strict=True):
             self.share.Set(share)
             self.edge.components[2].Set(mu, definedon=self.mesh.Boundaries(self.wet))
-            self.state.vec.FV().NumPy()[self.prescribed] = self.edge.vec.FV().NumPy()[self.prescribed]
+            self.state.vec.FV().NumPy()[self.prescribed] = self.edge.vec.FV().NumPy()[
+                self.prescribed
+            ]
             self._solve(self.free)
             self.first.vec.data = self.state.vec
 

@@ -1,16 +1,22 @@
-"""Graded gels, inclusions and films: sample 1 by jaxgel beside refined finite elements (NGSolve, extra ``[bench]``).
+"""Graded gels, inclusions and films: sample 1 by jaxgel beside refined finite elements.
 
-    python benchmarks/printed.py [graded film "graded film" stiff soft "stiff film" "soft film"] [--spacing 0.39]
+By NGSolve, extra ``[bench]``.
 
-One row per case and mu: the core rotation of both, their relative difference, the spread of the finite elements between the two of
-`MESHES`, the negative eigenvalues of both tangents, and the surface ratio, the largest of normal to tangential stretch on the outlines by
-finite elements. The gel of the graded cases is stiffer on the right: Nv = 1e-3 (1 + sin(2 pi x / width) / 2). Films are in plane stress.
-The stiff inclusion is an elastomer, the soft one a gel with less cross-links; either is an ellipse in the middle of the plate.
+    python benchmarks/printed.py [graded film "graded film" stiff soft "stiff film" "soft film"]
+    [--spacing 0.39]
 
-In plane strain the finite elements are followed up to Biot's surface ratio of 3.4, that of an incompressible solid; these gels wrinkle
-from 3.3 on. Beyond it there is no smooth state that refinement converges to: the finer the mesh, the earlier it is lost. So there is
-nothing to compare with, and the row says "-". The graded gel passes 3.4 at mu of -1.29 to -1.23, by mesh, at the end of an ellipse on its
-soft side. Contact is off: no sides of holes meet at these mu.
+One row per case and mu: the core rotation of both, their relative difference, the spread of the
+finite elements between the two of `MESHES`, the negative eigenvalues of both tangents, and the
+surface ratio, the largest of normal to tangential stretch on the outlines by finite elements. The
+gel of the graded cases is stiffer on the right: Nv = 1e-3 (1 + sin(2 pi x / width) / 2). Films are
+in plane stress. The stiff inclusion is an elastomer, the soft one a gel with less cross-links;
+either is an ellipse in the middle of the plate.
+
+In plane strain the finite elements are followed up to Biot's surface ratio of 3.4, that of an
+incompressible solid; these gels wrinkle from 3.3 on. Beyond it there is no smooth state that
+refinement converges to: the finer the mesh, the earlier it is lost. So there is nothing to compare
+with, and the row says "-". The graded gel passes 3.4 at mu of -1.29 to -1.23, by mesh, at the end
+of an ellipse on its soft side. Contact is off: no sides of holes meet at these mu.
 """  # fmt: skip
 
 import argparse
@@ -28,7 +34,8 @@ from references import meshed, size_of
 import jaxgel
 
 MU = (-2.5, -1.4678, -1.3178, -0.9178)  # kT
-SMALL_STEPS = np.arange(-1.4678, MU[-1], 0.05).round(4)  # also gone through, where the surface is strongly compressed, kT
+# also gone through, where the surface is strongly compressed, kT
+SMALL_STEPS = np.arange(-1.4678, MU[-1], 0.05).round(4)
 MESHES = (Mesh(5, 1.5, 0.3), Mesh(4, 1.2, 0.25))
 SPACING = 22 / 56  # mm, about 1800 nodes
 TARGET = 0.5  # %
@@ -37,7 +44,10 @@ SAMPLE = jaxgel.sample("sample-1")
 FILM = dataclasses.replace(SAMPLE, kinematics="plane stress")
 INCLUSION = jaxgel.Ellipse((0.0, 0.0), (1.5, 0.8), 0.6)
 FILLED = [dataclasses.replace(plate, regions=[INCLUSION]) for plate in (SAMPLE, FILM)]
-STIFF, SOFT = (jaxgel.Composite(SAMPLE.gel, (own,)) for own in (jaxgel.Elastomer(Nv=0.1, bulk=10.0), jaxgel.Gel(Nv=3e-4, chi=0.2)))
+STIFF, SOFT = (
+    jaxgel.Composite(SAMPLE.gel, (own,))
+    for own in (jaxgel.Elastomer(Nv=0.1, bulk=10.0), jaxgel.Gel(Nv=3e-4, chi=0.2))
+)
 GRADED = jaxgel.Gel(Nv=lambda X: graded(X[0], jnp.sin))
 CASES = {
     "graded": (SAMPLE, GRADED),
@@ -70,7 +80,12 @@ def material(gel, mesh):
         return Material(graded(ng.x, ng.sin), gel.chi, ng.CF(0))
     own, inside = (gel.matrix, gel.regions[0]) if isinstance(gel, jaxgel.Composite) else (gel, gel)
     names = [("Nv", own.Nv), ("chi", own.chi), ("bulk", 0.0)]
-    return Material(*(mesh.MaterialCF({"region0": getattr(inside, name, value)}, default=value) for name, value in names))
+    return Material(
+        *(
+            mesh.MaterialCF({"region0": getattr(inside, name, value)}, default=value)
+            for name, value in names
+        )
+    )
 
 
 class FilledGel(MixedGel):
@@ -85,11 +100,12 @@ class FilledGel(MixedGel):
 
 
 class FilmGel(MixedGel):
-    """A film: displacement, and in place of the pressure s = ln(J - 1) of one order less, so that the volume ratio J is above 1.
+    """Film elements: displacement, and s = ln(J - 1) of one order less, which keeps J above 1.
 
     In an elastomer it is s = ln(J).
 
-    The energy, with J / det F for the stretch of the thickness, is stationary in both; NGSolve differentiates it.
+    The energy, with J / det F for the stretch of the thickness, is stationary in both; NGSolve
+    differentiates it.
     """
 
     def __init__(self, plate, mesh, order):
@@ -99,7 +115,11 @@ class FilmGel(MixedGel):
         self.p.Set(ng.IfPos(gel.bulk, 0.0, START - 1))  # mu = s + 1 close to the dry state
         self.F, s = (ng.Id(2) + ng.Grad(self.u)).MakeVariable(), ng.CF(self.p).MakeVariable()
         self.J = J = ng.IfPos(gel.bulk, 0.0, 1.0) + ng.exp(s)
-        network = gel.Nv / 2 * (ng.InnerProduct(self.F, self.F) - 3 + (J / ng.Det(self.F)) ** 2 - 2 * ng.log(J))
+        network = (
+            gel.Nv
+            / 2
+            * (ng.InnerProduct(self.F, self.F) - 3 + (J / ng.Det(self.F)) ** 2 - 2 * ng.log(J))
+        )
         swelling = -(J - 1) * ng.log(1 + ng.exp(-s)) - gel.chi / J - self.mu * (J - 1)
         self.density = network + ng.IfPos(gel.bulk, gel.bulk / 2 * (J - 1) ** 2, swelling)
         first = self.density.Diff(self.F, ng.Grad(v)) + self.density.Diff(s, t)
@@ -113,8 +133,21 @@ class FilmGel(MixedGel):
 
 def main(names, spacing):
     begin = time.perf_counter()
-    print(f"core rotation of sample 1 in degrees, difference of jaxgel to NGSolve in % (target {TARGET}), spread of NGSolve in %")
-    heads = ("mu", "jaxgel", "NGSolve", "difference", "spread", "met", "negative", "NGSolve's", "surface")
+    print(
+        "core rotation of sample 1 in degrees, difference of jaxgel to NGSolve in % (target "
+        f"{TARGET}), spread of NGSolve in %"
+    )
+    heads = (
+        "mu",
+        "jaxgel",
+        "NGSolve",
+        "difference",
+        "spread",
+        "met",
+        "negative",
+        "NGSolve's",
+        "surface",
+    )
     print(f"{'':>12}" + "".join(f"{head:>11}" for head in heads))
     for name in names or CASES:
         plate, gel = CASES[name]
@@ -128,8 +161,16 @@ def main(names, spacing):
             difference, spread = 100 * (found / core - 1), 100 * abs(other / core - 1)
             met = "-" if math.isnan(difference) else "yes" if abs(difference) <= TARGET else "NO"
             pivots = path.negative_pivots[k] if k < len(path) else math.nan
-            cells = (f"{mu:.4f}", *map(shown, (found, core, difference, spread)), met, *(shown(n, 0) for n in (pivots, negative)))
-            print(f"{name:>12}" + "".join(f"{cell:>11}" for cell in (*cells, shown(surface, 2))), flush=True)
+            cells = (
+                f"{mu:.4f}",
+                *map(shown, (found, core, difference, spread)),
+                met,
+                *(shown(n, 0) for n in (pivots, negative)),
+            )
+            print(
+                f"{name:>12}" + "".join(f"{cell:>11}" for cell in (*cells, shown(surface, 2))),
+                flush=True,
+            )
         sizes = "; ".join(f"{result['size']}, {result['seconds']:.0f} s" for result in results)
         print(f"{'':>12}   {path.model.n_nodes} nodes, {seconds:.0f} s; {sizes}", flush=True)
     print(f"{time.perf_counter() - begin:.0f} s")
@@ -143,11 +184,16 @@ def swept(plate, gel, spacing):
     """Path of jaxgel at `MU`, as far as it goes, and the seconds that model and sweep took."""
     begin = time.perf_counter()
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
-    return jaxgel.sweep(jaxgel.Problem(model, gel, contact=False), list(MU)), time.perf_counter() - begin
+    return jaxgel.sweep(
+        jaxgel.Problem(model, gel, contact=False), list(MU)
+    ), time.perf_counter() - begin
 
 
 def elements(plate, gel, mesh):
-    """Finite elements: {"rows": {mu: core rotation, negative eigenvalues, surface ratio}, "size", "seconds"}."""
+    """Finite elements: a dict of "rows" by mu, "size" and "seconds".
+
+    A row has core rotation, negative eigenvalues and surface ratio.
+    """
     begin, is_film = time.perf_counter(), plate.kinematics == "plane stress"
     _, made, order = meshed(plate, mesh)
     plate = dataclasses.replace(plate, gel=material(gel, made))
@@ -165,7 +211,12 @@ def elements(plate, gel, mesh):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (all)")
-    parser.add_argument("--spacing", type=float, default=SPACING, help="distance of the nodes of jaxgel, mm (%(default).3f)")
+    parser.add_argument(
+        "--spacing",
+        type=float,
+        default=SPACING,
+        help="distance of the nodes of jaxgel, mm (%(default).3f)",
+    )
     options = parser.parse_args()
     if unknown := set(options.names) - set(CASES):
         parser.error(f"unknown case {', '.join(unknown)}")

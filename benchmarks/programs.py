@@ -1,12 +1,14 @@
-"""Programs that JAX compiles, stage by stage, in one process that begins without any: python benchmarks/programs.py [--functions N]
+"""Programs that JAX compiles in one fresh process, stage by stage.
 
-A stage prints how many programs it compiled or loaded, and its seconds: in all, of tracing, of lowering, and of compiling (or loading from
-a compilation cache, where JAX_COMPILATION_CACHE_DIR names one); then the functions whose programs took longest, each with its seconds of
-the three kinds and its number of programs. The two plates have four holes each and nearly as many nodes; the table is that of
-``history.csv``, with the fields of figures and files. ``--quick`` takes a wide spacing.
+Run it by python benchmarks/programs.py [--functions N]. A stage prints how many programs it
+compiled or loaded, and its seconds: in all, of tracing, of lowering, and of compiling (or loading
+from a compilation cache, where JAX_COMPILATION_CACHE_DIR names one); then the functions whose
+programs took longest, each with its seconds of the three kinds and its number of programs. The two
+plates have four holes each and nearly as many nodes; the table is that of ``history.csv``, with the
+fields of figures and files. ``--quick`` takes a wide spacing.
 
-With ``--plates N`` that many different plates are swept and differentiated instead. Every tenth line
-has programs compiled so far, memory mappings and memory.
+With ``--plates N`` that many different plates are swept and differentiated instead. Every tenth
+line has programs compiled so far, memory mappings and memory.
 """
 
 import argparse
@@ -25,7 +27,11 @@ from jaxgel import observables
 from jaxgel._programs import mappings
 from jaxgel.design import DesignProblem, bound, optimise, value_at
 
-KINDS = {"jaxpr_trace_duration": "tracing", "jaxpr_to_mlir_module_duration": "lowering", "backend_compile_duration": "compiling"}
+KINDS = {
+    "jaxpr_trace_duration": "tracing",
+    "jaxpr_to_mlir_module_duration": "lowering",
+    "backend_compile_duration": "compiling",
+}
 GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
 VALUES = jnp.linspace(-3.8, -2.9, 4)
 
@@ -75,7 +81,9 @@ def rotation(made, cloud):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--functions", type=int, default=6, help="functions named for each stage (6)")
+    parser.add_argument(
+        "--functions", type=int, default=6, help="functions named for each stage (6)"
+    )
     parser.add_argument("--quick", action="store_true", help="a wide spacing")
     parser.add_argument("--plates", type=int, help="number of plates, whose holes differ by 5 %%")
     options = parser.parse_args()
@@ -84,25 +92,51 @@ def main():
     if options.plates:
         many(options.plates, spacing, programs)
         return
-    print(f"{'stage':<34} {'programs':>8} {'seconds':>8} {'tracing':>8} {'lowering':>8} {'compiling':>9}  nodes")
+    print(
+        f"{'stage':<34} {'programs':>8} {'seconds':>8} {'tracing':>8} {'lowering':>8} "
+        f"{'compiling':>9}  nodes"
+    )
     clouds, paths = {}, {}
     for name, axes in {"first": (6.0, 4.5), "second": (5.7, 4.9)}.items():
         made = plate(axes, spacing)
 
         def swept(made=made, name=name):
             clouds[name] = made, jaxgel.make_cloud(made)
-            paths[name] = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(clouds[name][1]), GEL), VALUES)
+            paths[name] = jaxgel.sweep(
+                jaxgel.Problem(jaxgel.discretise(clouds[name][1]), GEL), VALUES
+            )
             return jaxgel.core_rotation(paths[name])
 
-        stage(f"{name} plate: sweep", swept, programs, options.functions, lambda name=name: clouds[name][1])
+        stage(
+            f"{name} plate: sweep",
+            swept,
+            programs,
+            options.functions,
+            lambda name=name: clouds[name][1],
+        )
     for name, path in paths.items():
-        stage(f"{name} plate: table and fields", lambda path=path: observed(path), programs, options.functions)
+        stage(
+            f"{name} plate: table and fields",
+            lambda path=path: observed(path),
+            programs,
+            options.functions,
+        )
     for name, axes in {"first": (6.0, 4.5), "second": (5.7, 4.9)}.items():
         of = jax.value_and_grad(rotation(*clouds[name]))
-        stage(f"{name} plate: gradient", lambda of=of, axes=axes: of(jnp.array(axes)), programs, options.functions)
+        stage(
+            f"{name} plate: gradient",
+            lambda of=of, axes=axes: of(jnp.array(axes)),
+            programs,
+            options.functions,
+        )
     for name in clouds:
         problem = jaxgel.Problem(jaxgel.discretise(clouds[name][1]), GEL)
-        stage(f"{name} plate: critical points", lambda p=problem: jaxgel.critical_points(p, (-4.0, -2.5)), programs, options.functions)
+        stage(
+            f"{name} plate: critical points",
+            lambda p=problem: jaxgel.critical_points(p, (-4.0, -2.5)),
+            programs,
+            options.functions,
+        )
 
     def again():
         moved = plate((6.2, 4.4), spacing)
@@ -110,18 +144,34 @@ def main():
 
     stage("a cloud made anew: gradient", again, programs, options.functions)
     for name, (made, _) in clouds.items():
-        stage(f"{name} plate: evaluation of a study", lambda made=made: evaluated(made), programs, options.functions)
+        stage(
+            f"{name} plate: evaluation of a study",
+            lambda made=made: evaluated(made),
+            programs,
+            options.functions,
+        )
 
 
 def observed(path):
     """The table of a path, and its fields for figures and files."""
     table = observables.history(path)
-    fields = [of(path) for of in (observables.outlines, observables.deformed_vertices, observables.volume_ratio, observables.cauchy_stress)]
+    fields = [
+        of(path)
+        for of in (
+            observables.outlines,
+            observables.deformed_vertices,
+            observables.volume_ratio,
+            observables.cauchy_stress,
+        )
+    ]
     return table["rotation_deg"], fields
 
 
 def evaluated(made):
-    """The first evaluation of a study, with its gradient: the most rotation for a bounded surface ratio and gap."""
+    """First evaluation of a rotation study with its gradient.
+
+    The surface ratio and the gap are bounded.
+    """
     start = {"axes": np.array(made.holes[0].semi_axes, float)}
     bounds = {"axes": (start["axes"] - 0.5, start["axes"] + 0.5)}
     limits = bound("surface_ratio", below=3.0), bound("gap", above=0.5)
@@ -129,22 +179,41 @@ def evaluated(made):
     def plate_of(parameters):
         return made.at([{"semi_axes": parameters["axes"]}] * 4)
 
-    problem = DesignProblem(start, bounds, plate_of, GEL, VALUES, value_at(jaxgel.rotation_angle, VALUES[-1]), constraints=limits)
+    problem = DesignProblem(
+        start,
+        bounds,
+        plate_of,
+        GEL,
+        VALUES,
+        value_at(jaxgel.rotation_angle, VALUES[-1]),
+        constraints=limits,
+    )
     return optimise(problem, evaluations=1).parameters
 
 
 def many(count, spacing, programs):
-    """Sweep and differentiate ``count`` plates; print what the process has taken by every tenth one."""
+    """Sweep and differentiate ``count`` plates.
+
+    Print what the process has taken by every tenth one.
+    """
     print("plate  programs  mappings  GiB")
     compiled = 0
     for k, factors in enumerate(np.random.default_rng(1).uniform(0.95, 1.05, (count, 2))):
         axes = np.array([6.0, 4.5]) * factors
         made = plate(tuple(axes), spacing)
-        jax.block_until_ready(jax.value_and_grad(rotation(made, jaxgel.make_cloud(made)))(jnp.array(axes)))
+        jax.block_until_ready(
+            jax.value_and_grad(rotation(made, jaxgel.make_cloud(made)))(jnp.array(axes))
+        )
         compiled += len(programs.taken()["compiling"])
         if k % 10 in (0, 9):
             pages = int(pathlib.Path("/proc/self/statm").read_text().split()[1])
-            print(f"{k + 1:5} {compiled:9} {mappings()[0]:9} {pages * os.sysconf('SC_PAGE_SIZE') / 2**30:4.2f}", flush=True)
+            print(
+                (
+                    f"{k + 1:5} {compiled:9} {mappings()[0]:9} "
+                    f"{pages * os.sysconf('SC_PAGE_SIZE') / 2**30:4.2f}"
+                ),
+                flush=True,
+            )
 
 
 def stage(name, run, programs, count, cloud=None):
@@ -156,7 +225,10 @@ def stage(name, run, programs, count, cloud=None):
     compiled = spans["compiling"]
     of_kind = [covered(spans[kind]) for kind in ("tracing", "lowering", "compiling")]
     nodes = "" if cloud is None else len(cloud().nodes)
-    print(f"{name:<34} {len(compiled):8} {seconds:8.1f} {of_kind[0]:8.1f} {of_kind[1]:8.1f} {of_kind[2]:9.1f}  {nodes}")
+    print(
+        f"{name:<34} {len(compiled):8} {seconds:8.1f} {of_kind[0]:8.1f} {of_kind[1]:8.1f} "
+        f"{of_kind[2]:9.1f}  {nodes}"
+    )
     by_function = collections.defaultdict(lambda: [0.0] * 3)
     for number, kind in enumerate(("tracing", "lowering", "compiling")):
         for start, end, function in spans[kind]:
@@ -164,7 +236,13 @@ def stage(name, run, programs, count, cloud=None):
     numbers = collections.Counter(bare(function) for _, _, function in compiled)
     dearest = sorted(by_function, key=lambda function: -sum(by_function[function]))[:count]
     told = ("+".join(f"{seconds:.2f}" for seconds in by_function[function]) for function in dearest)
-    print("    " + ", ".join(f"{name} {text} s ({numbers[name]})" for name, text in zip(dearest, told, strict=True)), flush=True)
+    print(
+        "    "
+        + ", ".join(
+            f"{name} {text} s ({numbers[name]})" for name, text in zip(dearest, told, strict=True)
+        ),
+        flush=True,
+    )
 
 
 def bare(function):

@@ -1,15 +1,19 @@
-"""Time and memory of jaxgel against the size of the cloud: sample 1 refined from 1e3 to 3e5 nodes and beyond.
+"""Time and memory of jaxgel against the size of the cloud: sample 1 from 1e3 to 3e5 nodes.
 
-    python benchmarks/scale.py [--nodes 1000 3000 10000 30000 100000 300000] [--threads 1] [--limit 16]
+    python benchmarks/scale.py [--nodes 1000 3000 10000 30000 100000 300000] [--threads 1] [--limit
+    16]
 
-Every size runs in a process of its own. Prints and writes scale.json beside this file: seconds of the setup (cloud, discretisation,
-constants and pattern), of the parts of a Newton step (medians of three: linearisation, tangent, factor, solve), of a sweep to two states
-with contact, of compilation, which the others leave out, the GiB of the factor, and the peak memory of the process after the step and
-after the sweep; below each column its exponent among the larger sizes, and that of the pairs of nodes that share a cell, which
-assembly adds up: a node has the more of them the fewer lie near an edge. A process that takes more than ``--limit`` GiB is stopped, and
-the table says so.
+Every size runs in a process of its own. Prints and writes scale.json beside this file: seconds of
+the setup (cloud, discretisation, constants and pattern), of the parts of a Newton step (medians of
+three: linearisation, tangent, factor, solve), of a sweep to two states with contact, of
+compilation, which the others leave out, the GiB of the factor, and the peak memory of the process
+after the step and after the sweep; below each column its exponent among the larger sizes, and that
+of the pairs of nodes that share a cell, which assembly adds up: a node has the more of them the
+fewer lie near an edge. A process that takes more than ``--limit`` GiB is stopped, and the table
+says so.
 
-1e5 nodes, one thread: setup 43 s, a Newton step 11 s (assembly 1.7 s, factor 8.2 s) in 5.9 GiB, the sweep in 6.9 GiB.
+1e5 nodes, one thread: setup 43 s, a Newton step 11 s (assembly 1.7 s, factor 8.2 s) in 5.9 GiB, the
+sweep in 6.9 GiB.
 """  # fmt: skip
 
 import argparse
@@ -35,9 +39,19 @@ EXPONENT_FROM = 9000  # nodes: below, fixed costs show
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--nodes", type=float, nargs="+", default=[1e3, 3e3, 1e4, 3e4, 1e5, 3e5], help="sizes (1e3 ... 3e5)")
-    parser.add_argument("--threads", type=int, default=1, help="threads of XLA and BLAS, and processors (1)")
-    parser.add_argument("--limit", type=float, default=16.0, help="GiB at which a process is stopped (16)")
+    parser.add_argument(
+        "--nodes",
+        type=float,
+        nargs="+",
+        default=[1e3, 3e3, 1e4, 3e4, 1e5, 3e5],
+        help="sizes (1e3 ... 3e5)",
+    )
+    parser.add_argument(
+        "--threads", type=int, default=1, help="threads of XLA and BLAS, and processors (1)"
+    )
+    parser.add_argument(
+        "--limit", type=float, default=16.0, help="GiB at which a process is stopped (16)"
+    )
     parser.add_argument("--out", type=Path, default=HERE / "scale.json")
     parser.add_argument("--child", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -58,18 +72,39 @@ def main():
             continue
         times = " ".join(f"{row[name]:9.3f}s" for name in COLUMNS)
         memory = f"{row['factor_gib']:7.2f} {row['step_gib']:7.2f} {row['peak_gib']:8.2f}"
-        print(f"{row['nodes']:7d} {row['dofs']:7d} {times} {row['newton']:6d} {memory} {row['load']:5.1f}", flush=True)
+        print(
+            (
+                f"{row['nodes']:7d} {row['dofs']:7d} {times} {row['newton']:6d} {memory} "
+                f"{row['load']:5.1f}"
+            ),
+            flush=True,
+        )
     exponents = {name: exponent(rows, name) for name in (*COLUMNS, *MEMORY, "pairs")}
-    memory = f"{exponents['factor_gib']:7.2f} {exponents['step_gib']:7.2f} {exponents['peak_gib']:8.2f}"
-    print(f"{'exponent':>15}", *(f"{exponents[name]:10.2f}" for name in COLUMNS), f"{'':6} {memory}")
+    memory = (
+        f"{exponents['factor_gib']:7.2f} {exponents['step_gib']:7.2f} {exponents['peak_gib']:8.2f}"
+    )
+    print(
+        f"{'exponent':>15}", *(f"{exponents[name]:10.2f}" for name in COLUMNS), f"{'':6} {memory}"
+    )
     print(f"exponent of the pairs of nodes {exponents['pairs']:.2f}")
-    machine = {"cores": os.cpu_count(), "processor": platform.machine(), "python": platform.python_version(), "threads": options.threads}
-    options.out.write_text(json.dumps({"machine": machine, "rows": rows, "exponents": exponents}, indent=1) + "\n")
+    machine = {
+        "cores": os.cpu_count(),
+        "processor": platform.machine(),
+        "python": platform.python_version(),
+        "threads": options.threads,
+    }
+    options.out.write_text(
+        json.dumps({"machine": machine, "rows": rows, "exponents": exponents}, indent=1) + "\n"
+    )
 
 
 def exponent(rows, name):
-    """Exponent of the number of nodes in a column, by least squares of the logarithms; nan for fewer than two sizes."""
-    points = [(math.log(row["nodes"]), math.log(row[name])) for row in rows if "stopped" not in row and row["nodes"] > EXPONENT_FROM]
+    """Exponent of the number of nodes in a column by least squares; nan below two sizes."""
+    points = [
+        (math.log(row["nodes"]), math.log(row[name]))
+        for row in rows
+        if "stopped" not in row and row["nodes"] > EXPONENT_FROM
+    ]
     if len(points) < 2:
         return float("nan")
     x, y = (statistics.fmean(column) for column in zip(*points, strict=True))
@@ -77,7 +112,7 @@ def exponent(rows, name):
 
 
 def isolated(nodes, threads, limit):
-    """Row of one size from a process with that many threads and processors, stopped above ``limit`` GiB (Linux)."""
+    """Row of one size from a process with given threads, stopped above ``limit`` GiB (Linux)."""
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")
     environment = os.environ | dict.fromkeys(names, str(threads)) | {"PYTHONPATH": str(HERE.parent)}
     command = [sys.executable, __file__, "--child", str(nodes), "--threads", str(threads)]
@@ -91,13 +126,21 @@ def isolated(nodes, threads, limit):
                 return {"asked": nodes, "stopped": f"stopped at {limit:g} GiB"}
         printed.seek(0)
         lines = printed.read().splitlines()
-    return json.loads(lines[-1]) if process.returncode == 0 else {"asked": nodes, "stopped": f"failed with {process.returncode}, see above"}
+    return (
+        json.loads(lines[-1])
+        if process.returncode == 0
+        else {"asked": nodes, "stopped": f"failed with {process.returncode}, see above"}
+    )
 
 
 def resident(pid):
-    """GiB of memory that a process fills; 0 where that is not known."""
+    """GiB of memory that a process fills; 0 if that is not known."""
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**30
+        return (
+            int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+            * os.sysconf("SC_PAGE_SIZE")
+            / 2**30
+        )
     except (OSError, IndexError):
         return 0.0
 
@@ -115,7 +158,8 @@ def child(wanted, threads):
     from jaxgel.mechanics import linearise, tangent
 
     plate = jaxgel.sample("sample-1")
-    spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * wanted) - 6)  # 0.48 n^2 + 6 n nodes for n intervals a side
+    # 0.48 n^2 + 6 n nodes for n intervals a side
+    spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * wanted) - 6)
     seconds, compiled = {}, [0.0]
 
     def listen(event, duration, **_):
@@ -127,7 +171,9 @@ def child(wanted, threads):
     def timed(name, function, *args):
         begin, before = time.perf_counter(), compiled[0]
         result = function(*args)
-        jax.block_until_ready([leaf for leaf in jax.tree.leaves(result) if isinstance(leaf, jax.Array)])
+        jax.block_until_ready(
+            [leaf for leaf in jax.tree.leaves(result) if isinstance(leaf, jax.Array)]
+        )
         seconds.setdefault(name, []).append(time.perf_counter() - begin - (compiled[0] - before))
         return result
 
@@ -145,7 +191,11 @@ def child(wanted, threads):
         timed("solve", made.solve, np.ones(len(free)))
     row = {name: statistics.median(values[1:] or values) for name, values in seconds.items()}
     unit = 2**30 if sys.platform == "darwin" else 2**20
-    factor_gib, step_gib, cells = made.size / 2**30, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, model.n_cells
+    factor_gib, step_gib, cells = (
+        made.size / 2**30,
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit,
+        model.n_cells,
+    )
     n_pairs = len(pairs)
     made = pairs = now = problem = None  # their memory is that of one step, not of the sweep
     begin, before = time.perf_counter(), compiled[0]

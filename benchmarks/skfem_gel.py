@@ -1,7 +1,9 @@
-"""The swollen gel of sample 1 in scikit-fem: the same mixed problem as ``ngsolve_gel.py``, on the same kind of mesh (by Netgen).
+"""The swollen gel of sample 1 in scikit-fem: the mixed problem of ``ngsolve_gel.py``.
 
-Displacement of order k on triangles with curved (quadratic) edges on the holes, pressure discontinuous of order k-1, eliminated element
-by element in NumPy; SciPy's SuperLU in symmetric mode, its ordering kept from the first factor on. A factor serves several corrections.
+The mesh is of the same kind (by Netgen). Displacement of order k on triangles with curved
+(quadratic) edges on the holes, pressure discontinuous of order k-1, eliminated element by element
+in NumPy; SciPy's SuperLU in symmetric mode, its ordering kept from the first factor on. A factor
+serves several corrections.
 """
 
 import dataclasses
@@ -22,7 +24,12 @@ from jaxgel import sample
 PLATE = sample("sample-1")
 NV, CHI = PLATE.gel.Nv, PLATE.gel.chi
 MU = np.linspace(-4.9678, -0.9178, 30)
-ELEMENTS = {1: skfem.ElementTriP1, 2: skfem.ElementTriP2, 3: skfem.ElementTriP3, 4: skfem.ElementTriP4}
+ELEMENTS = {
+    1: skfem.ElementTriP1,
+    2: skfem.ElementTriP2,
+    3: skfem.ElementTriP3,
+    4: skfem.ElementTriP4,
+}
 SUPERLU = dict(diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
 
 
@@ -43,7 +50,9 @@ def curved_mesh(plate, hole, grading):
     """Netgen's triangles with the middles of the edges on the holes moved onto the ellipses."""
     mesh = plate_mesh(PLATE, 1, plate, hole, grading)
     corners = np.array([[vertex.nr for vertex in element.vertices] for element in mesh.Elements()])
-    straight = skfem.MeshTri(np.array([vertex.point for vertex in mesh.vertices]).T.copy(), corners.T.copy())
+    straight = skfem.MeshTri(
+        np.array([vertex.point for vertex in mesh.vertices]).T.copy(), corners.T.copy()
+    )
     curved = skfem.MeshTri2.from_mesh(straight)
     middles = straight.p[:, straight.facets[:, straight.boundary_facets()]].mean(axis=1)
     middles = middles[:, np.abs(middles).max(axis=0) < 11 * (1 - 1e-9)]
@@ -66,7 +75,9 @@ def volume_ratio(s):
     z = np.exp(s - 1)
     w = z * (1 + z * (1 + z * (3 / 2 + z * (8 / 3 + z * (125 / 24 + z * 54 / 5)))))
     for _ in range(2):
-        w = w - (np.log(w) + (1 - w) * (1 - NV) + CHI * (1 - w) ** 2 - s) / (1 / w - (1 - NV) - 2 * CHI * (1 - w))
+        w = w - (np.log(w) + (1 - w) * (1 - NV) + CHI * (1 - w) ** 2 - s) / (
+            1 / w - (1 - NV) - 2 * CHI * (1 - w)
+        )
     J = 1 / (1 - w)
     return J, 1 / (1 / (J**2 * (J - 1)) - 2 * CHI / J**3 + NV / J**2)
 
@@ -106,9 +117,15 @@ class MixedGel:
 
     def __init__(self, row):
         mesh, k = curved_mesh(row.plate, row.hole, row.grading), row.order
-        self.row, self.u_basis = row, skfem.Basis(mesh, skfem.ElementVector(ELEMENTS[k]()), intorder=2 * k - 1)
+        self.row, self.u_basis = (
+            row,
+            skfem.Basis(mesh, skfem.ElementVector(ELEMENTS[k]()), intorder=2 * k - 1),
+        )
         self.p_basis = self.u_basis.with_element(skfem.ElementTriDG(ELEMENTS[k - 1]()))
-        held = [self.u_basis.get_dofs(lambda x, i=i: np.abs(x[i]) > 11 * (1 - 1e-9)).all([f"u^{i + 1}"]) for i in range(2)]
+        held = [
+            self.u_basis.get_dofs(lambda x, i=i: np.abs(x[i]) > 11 * (1 - 1e-9)).all([f"u^{i + 1}"])
+            for i in range(2)
+        ]
         self.free = np.setdiff1d(np.arange(self.u_basis.N), np.concatenate(held))
         self.u, self.p = np.zeros(self.u_basis.N), np.zeros(self.p_basis.N)
         self.u_dofs, self.p_dofs = self.u_basis.element_dofs.T, self.p_basis.element_dofs.T
@@ -121,7 +138,10 @@ class MixedGel:
         local = np.full(self.u_basis.N, -1)
         local[self.free] = np.arange(len(self.free))
         n = self.u_dofs.shape[1]
-        row, column = (local[np.broadcast_to(d, (len(self.u_dofs), n, n))].ravel() for d in (self.u_dofs[:, :, None], self.u_dofs[:, None]))
+        row, column = (
+            local[np.broadcast_to(d, (len(self.u_dofs), n, n))].ravel()
+            for d in (self.u_dofs[:, :, None], self.u_dofs[:, None])
+        )
         self.kept = (row >= 0) & (column >= 0)
         f = len(self.free)
         key, self.place = np.unique(column[self.kept] * f + row[self.kept], return_inverse=True)
@@ -129,32 +149,42 @@ class MixedGel:
 
     def _core_basis(self, mesh):
         """Basis with the plate's centre as its one point."""
-        straight = skfem.MeshTri(mesh.doflocs[:, : mesh.nvertices], mesh.t)  # the curved one cannot search; its holes are far away
+        # the curved one cannot search; its holes are far away
+        straight = skfem.MeshTri(mesh.doflocs[:, : mesh.nvertices], mesh.t)
         cell = int(straight.element_finder()(np.zeros(1), np.zeros(1))[0])
         at = mesh.mapping().invF(np.zeros((2, 1, 1)), tind=np.array([cell]))[:, 0]
-        return skfem.Basis(mesh, self.u_basis.elem, elements=np.array([cell]), quadrature=(at, np.ones(1)))
+        return skfem.Basis(
+            mesh, self.u_basis.elem, elements=np.array([cell]), quadrature=(at, np.ones(1))
+        )
 
     def linearise(self):
-        """Residuals (f,), (e, m) of displacement and pressure, and the fields that the tangent is made of."""
+        """Residuals (f,), (e, m) of displacement and pressure, and the fields of the tangent."""
         F = grad(self.u_basis.interpolate(self.u)) + np.eye(2)[:, :, None, None]
         C, p = cofactor(F), np.asarray(self.p_basis.interpolate(self.p))
         J, slope = volume_ratio(p + self.mu)
         error = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0] - J
         fields = dict(F=F, C=C, p=p, slope=slope, error=error)
-        return force.assemble(self.u_basis, **fields), constraint.assemble(self.p_basis, **fields)[self.p_dofs], fields
+        return (
+            force.assemble(self.u_basis, **fields),
+            constraint.assemble(self.p_basis, **fields)[self.p_dofs],
+            fields,
+        )
 
     def factor(self, fields):
         """Factor of the tangent, the pressures eliminated: K + B M^-1 B^T."""
         K = stiffness.coo_data(self.u_basis, **fields).tolocal()
         B = coupling.coo_data(self.p_basis, self.u_basis, **fields)
-        self.B = B.data.reshape(*B.local_shape[::-1], -1).transpose(2, 1, 0)  # its own tolocal() takes the two sides for each other
+        # its own tolocal() takes the two sides for each other
+        self.B = B.data.reshape(*B.local_shape[::-1], -1).transpose(2, 1, 0)
         self.M = np.linalg.inv(compliance.coo_data(self.p_basis, **fields).tolocal())
         K = K + self.B @ self.M @ self.B.transpose(0, 2, 1)
         data = np.bincount(self.place, K.ravel()[self.kept])
         if self.order is None:
             matrix = csc_matrix((data, self.indices, self.indptr))
             self.order = np.argsort(splu(matrix, permc_spec="MMD_AT_PLUS_A", **SUPERLU).perm_c)
-            numbered = csc_matrix((np.arange(1.0, len(data) + 1), self.indices, self.indptr))[self.order][:, self.order].tocsc()
+            numbered = csc_matrix((np.arange(1.0, len(data) + 1), self.indices, self.indptr))[
+                self.order
+            ][:, self.order].tocsc()
             numbered.sort_indices()  # as SuperLU would in place
             self.permuted = numbered.data.astype(int) - 1, numbered.indices, numbered.indptr
         source, indices, indptr = self.permuted
@@ -163,7 +193,9 @@ class MixedGel:
     def correct(self, r_u, r_p):
         """Apply one correction with the factor at hand; its largest displacement in mm."""
         by_element = np.einsum("eij,ej->ei", self.B @ self.M, r_p)
-        rhs = -(r_u + np.bincount(self.u_dofs.ravel(), by_element.ravel(), self.u_basis.N))[self.free]
+        rhs = -(r_u + np.bincount(self.u_dofs.ravel(), by_element.ravel(), self.u_basis.N))[
+            self.free
+        ]
         du = np.zeros(self.u_basis.N)
         du[self.free[self.order]] = self.lu.solve(rhs[self.order])
         dp = np.einsum("eij,ej->ei", self.M, np.einsum("eij,ei->ej", self.B, du[self.u_dofs]) + r_p)
@@ -182,9 +214,12 @@ class MixedGel:
                 factorisations += 1
             before, size = size, self.correct(r_u, r_p)
             contraction = size / before
-            if size < TOLERANCE or (corrections > 1 and size * contraction < TOLERANCE / 10):  # what the next correction would be
+            # what the next correction would be
+            if size < TOLERANCE or (corrections > 1 and size * contraction < TOLERANCE / 10):
                 return factorisations, corrections
-        raise RuntimeError(f"scikit-fem: no equilibrium at mu = {mu}, last correction {size:.1e} mm")
+        raise RuntimeError(
+            f"scikit-fem: no equilibrium at mu = {mu}, last correction {size:.1e} mm"
+        )
 
     def core_rotation(self):
         """Polar rotation of F at the centre, degrees."""
@@ -193,13 +228,19 @@ class MixedGel:
 
 
 def sweep(gel):
-    """Equilibria at MU from the dry plate, each started by quadratic extrapolation; (core rotations, factorisations, corrections)."""
+    """Equilibria at MU from the dry plate, by quadratic extrapolation, with counts.
+
+    (core rotations, factorisations, corrections).
+    """
     history, observed, counts = [], [], []
     gel.u, gel.p = np.zeros_like(gel.u), np.zeros_like(gel.p)
     for mu in MU:
         if len(history) > 1:
             weights = ((3, -3, 1), (2, -1))[len(history) == 2]
-            gel.u, gel.p = (sum(w * before[i] for w, before in zip(weights, reversed(history), strict=True)) for i in range(2))
+            gel.u, gel.p = (
+                sum(w * before[i] for w, before in zip(weights, reversed(history), strict=True))
+                for i in range(2)
+            )
         counts.append(gel.equilibrium(mu))
         history = [*history[-2:], (gel.u, gel.p)]
         observed.append(gel.core_rotation())
@@ -207,7 +248,10 @@ def sweep(gel):
 
 
 def measure(row, runs):
-    """Median of ``runs`` sweeps on one mesh after a first one, as a dict; meshing and basis apart."""
+    """Median of ``runs`` sweeps on one mesh after a first one, as a dict.
+
+    Meshing and basis apart.
+    """
     begin = time.perf_counter()
     gel, wall, cpu = MixedGel(row), [], []
     setup = time.perf_counter() - begin

@@ -1,13 +1,16 @@
-"""Ways to solve with a tangent of sample 1: jaxgel's factor beside Krylov methods with single precision and with algebraic multigrid.
+"""Solvers for a tangent of sample 1: jaxgel's factor beside preconditioned Krylov methods.
 
-    python benchmarks/solvers.py [--nodes 30000] [--mu -4.9678 -2.5]     (pyamg: pip install 'jaxgel[bench]')
+The preconditioners are single precision and algebraic multigrid.
 
-For each mu (kT) and way: seconds of the setup (factor or hierarchy) and of
-one solve, its iterations, the residual over the right-hand side, which is random, and the negative pivots of what was factorised; the
-tangents are positive definite. The rounded tangent is that in single precision. The multigrid is pyamg's smoothed aggregation with the
-translations and the rotation as near-null space: of the condensed tangent, and, for MINRES on the mixed form, of the tangent with bulk
-stiffnesses of at most 10 Nv, beside the pressures' diagonal. Krylov methods end at a residual of 1e-7 or after 150 iterations; the
-others at that of round-off.
+    python benchmarks/solvers.py [--nodes 30000] [--mu -4.9678 -2.5]  (pip install 'jaxgel[bench]')
+
+For each mu (kT) and way: seconds of the setup (factor or hierarchy) and of one solve, its
+iterations, the residual over the right-hand side, which is random, and the negative pivots of what
+was factorised; the tangents are positive definite. The rounded tangent is that in single precision.
+The multigrid is pyamg's smoothed aggregation with the translations and the rotation as near-null
+space: of the condensed tangent, and, for MINRES on the mixed form, of the tangent with bulk
+stiffnesses of at most 10 Nv, beside the pressures' diagonal. Krylov methods end at a residual of
+1e-7 or after 150 iterations; the others at that of round-off.
 """  # fmt: skip
 
 import argparse
@@ -32,7 +35,9 @@ SOFT = 10  # Nv: bulk stiffness at which the network's shear decides, and multig
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--nodes", type=float, default=3e4, help="about so many (3e4)")
-    parser.add_argument("--mu", type=float, nargs="+", default=[-4.9678, -2.5], help="kT, increasing (-4.9678 -2.5)")
+    parser.add_argument(
+        "--mu", type=float, nargs="+", default=[-4.9678, -2.5], help="kT, increasing (-4.9678 -2.5)"
+    )
     options = parser.parse_args()
     plate = jaxgel.sample("sample-1")
     spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * options.nodes) - 6)
@@ -41,14 +46,27 @@ def main():
     path = jaxgel.sweep(jaxgel.Problem(model, plate.gel), options.mu)
     for mu, x, pressure in zip(path.mu, path.x, path.pressure, strict=True):
         now = linearise(problem, x, pressure, mu)
-        print(f"mu = {mu:g}: {len(problem.free)} unknowns, stiffest group {float(now.stiffness.max() / plate.gel.Nv):.0f} Nv")
-        print(f"{'':42} {'setup':>8} {'solve':>8} {'iterations':>10} {'residual':>9} {'negative':>8}")
-        for name, (setup, seconds, iterations, residual, negative) in ways(problem, x, pressure, now):
-            print(f"{name:42} {setup:7.2f}s {seconds:7.2f}s {iterations:10} {residual:9.1e} {negative:>8}", flush=True)
+        print(
+            f"mu = {mu:g}: {len(problem.free)} unknowns, stiffest group "
+            f"{float(now.stiffness.max() / plate.gel.Nv):.0f} Nv"
+        )
+        print(
+            f"{'':42} {'setup':>8} {'solve':>8} {'iterations':>10} {'residual':>9} {'negative':>8}"
+        )
+        for name, (setup, seconds, iterations, residual, negative) in ways(
+            problem, x, pressure, now
+        ):
+            print(
+                (
+                    f"{name:42} {setup:7.2f}s {seconds:7.2f}s {iterations:10} {residual:9.1e} "
+                    f"{negative:>8}"
+                ),
+                flush=True,
+            )
 
 
 def ways(problem, x, pressure, now):
-    """Name, and seconds of setup and solve, iterations, relative residual and negative pivots, of each way."""
+    """Name, seconds of setup and solve, iterations, residual and negative pivots of each solver."""
 
     def blocks(stiffness):
         basis = dataclasses.replace(now, stiffness=stiffness)
@@ -56,13 +74,19 @@ def ways(problem, x, pressure, now):
 
     own = now.cut(problem.model)  # in the sizes of the model
     pattern, pairs, stiffness = problem.pattern, blocks(now.stiffness), np.asarray(own.stiffness)
-    K, b = sp.csr_matrix(pattern.matrix(pairs)), np.random.default_rng(0).normal(size=len(pattern.free))
+    K, b = (
+        sp.csr_matrix(pattern.matrix(pairs)),
+        np.random.default_rng(0).normal(size=len(pattern.free)),
+    )
     setup, made = timed(factor, pattern, pairs)
     applied = Counted(made.fronts)
     seconds, (solution, _) = timed(dataclasses.replace(made, fronts=applied).solve, b)
     yield "factor", (setup, seconds, applied.times, residual(K, solution, b), made.negative_pivots)
     setup, fronts = timed(factorise, pattern.tree, pattern.entries(pairs).astype(np.float32))
-    yield "CG, factor of the rounded tangent", (setup, *krylov(sla.cg, K, b, fronts.solve), fronts.negative_pivots)
+    yield (
+        "CG, factor of the rounded tangent",
+        (setup, *krylov(sla.cg, K, b, fronts.solve), fronts.negative_pivots),
+    )
     near_null = rigid(np.asarray(x))[pattern.free]
     setup, grids = timed(aggregation, K, near_null)
     yield "CG, multigrid", (setup, *krylov(sla.cg, K, b, grids), "-")
@@ -70,7 +94,9 @@ def ways(problem, x, pressure, now):
     G, volumes, real = volume_gradients(problem.model, own, pattern.free)
     stiffness = stiffness[real]
     network = sp.csr_matrix(pattern.matrix(blocks(0 * now.stiffness)))
-    softened = network + G @ sp.diags(np.minimum(stiffness, SOFT * float(problem.gel.Nv)) / volumes) @ G.T
+    softened = (
+        network + G @ sp.diags(np.minimum(stiffness, SOFT * float(problem.gel.Nv)) / volumes) @ G.T
+    )
     setup, grids = timed(aggregation, sp.csr_matrix(softened), near_null)
     mixed = sp.block_array([[network, G], [G.T, -sp.diags(volumes / stiffness)]], format="csr")
     schur = volumes / stiffness + volumes / (SOFT * float(problem.gel.Nv))
@@ -78,7 +104,10 @@ def ways(problem, x, pressure, now):
     def both(v):
         return np.concatenate([grids(v[: len(b)]), v[len(b) :] / schur])
 
-    yield "MINRES on the mixed form, multigrid", (setup, *krylov(sla.minres, mixed, np.append(b, np.zeros(len(volumes))), both), "-")
+    yield (
+        "MINRES on the mixed form, multigrid",
+        (setup, *krylov(sla.minres, mixed, np.append(b, np.zeros(len(volumes))), both), "-"),
+    )
 
 
 class Counted:
@@ -95,7 +124,11 @@ class Counted:
 def aggregation(matrix, near_null):
     """One cycle of smoothed aggregation, as a function of a vector."""
     grids = pyamg.smoothed_aggregation_solver(
-        matrix, B=near_null, symmetry="symmetric", strength=("symmetric", {"theta": 0.08}), max_coarse=500
+        matrix,
+        B=near_null,
+        symmetry="symmetric",
+        strength=("symmetric", {"theta": 0.08}),
+        max_coarse=500,
     )
     return grids.aspreconditioner().matvec
 
@@ -128,18 +161,30 @@ def rigid(x):
 
 
 def volume_gradients(model, now, free):
-    """Gradients (f, g) of the groups' volumes, sparse, the dry volumes (g,), mm^2, and which groups of the model they are."""
+    """Gradients (f, g) of the groups' volumes, sparse, and dry volumes (g,), mm^2.
+
+    Third come the numbers of these groups in the model.
+    """
     dofs, values = [], []
     for block, gradients in zip(model.blocks, now.gradients, strict=True):
         G = np.swapaxes(gradients, 2, 3)
         own = 2 * np.asarray(block.nodes)[:, None, :, None] + np.arange(2)
         dofs.append(np.broadcast_to(own, G.shape).reshape(-1, G[0, 0].size))
         values.append(G.reshape(-1, G[0, 0].size))
-    groups = np.repeat(np.arange(sum(map(len, dofs))), np.concatenate([np.full(*some.shape) for some in dofs]))
-    entries = (np.concatenate([v.ravel() for v in values]), (np.concatenate([d.ravel() for d in dofs]), groups))
+    groups = np.repeat(
+        np.arange(sum(map(len, dofs))), np.concatenate([np.full(*some.shape) for some in dofs])
+    )
+    entries = (
+        np.concatenate([v.ravel() for v in values]),
+        (np.concatenate([d.ravel() for d in dofs]), groups),
+    )
     volumes = np.asarray(all_volumes(model))
     real = volumes > 0  # the others are padding
-    return sp.csc_matrix(entries, shape=(2 * model.n_nodes, len(volumes)))[free][:, real], volumes[real], real
+    return (
+        sp.csc_matrix(entries, shape=(2 * model.n_nodes, len(volumes)))[free][:, real],
+        volumes[real],
+        real,
+    )
 
 
 def timed(function, *args):

@@ -1,11 +1,14 @@
-"""Time and error of jaxgel on sample 1 in 30 given steps of mu, beside finite elements (NGSolve, extra ``[bench]``) in the same run.
+"""Time and error of jaxgel on sample 1 in 30 given steps of mu, beside NGSolve in the same run.
+
+Extra ``[bench]``.
 
     python benchmarks/sweep.py [--runs 3] [--threads 1 2]
 
-Prints a table and writes sweep.json beside this file. Each row is a process of its own, held to the stated number of threads. The sweep
-is the median of ``--runs`` after a first one; setup is everything before it (imports, cloud and model, or mesh and forms) and
-compilation what the first sweep takes longer than the median. The error is the largest relative error of the core rotation over all
-30 states against refined quartic elements (reference_core_rotation.json).
+Prints a table and writes sweep.json beside this file. Each row is a process of its own, held to the
+stated number of threads. The sweep is the median of ``--runs`` after a first one; setup is
+everything before it (imports, cloud and model, or mesh and forms) and compilation what the first
+sweep takes longer than the median. The error is the largest relative error of the core rotation
+over all 30 states against refined quartic elements (reference_core_rotation.json).
 """  # fmt: skip
 
 import argparse
@@ -23,7 +26,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 REFERENCE = json.loads((HERE / "reference_core_rotation.json").read_text())
 SPACINGS = (22 / 30, None, 22 / 60)  # mm; None is the default
-ACCURACY = 0.01  # of the core rotation: the NGSolve row that the others are compared with is the fastest within it
+# of the core rotation: the NGSolve row that the others are compared with is the fastest within it
+ACCURACY = 0.01
 COLUMNS = {  # heading: width, how a row says it
     "solver": (17, lambda row: row["solver"]),
     "DOFs": (6, lambda row: row["free_dofs"]),
@@ -42,7 +46,9 @@ COLUMNS = {  # heading: width, how a row says it
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=3, help="timed sweeps per row (3)")
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="numbers of threads (1 2)")
+    parser.add_argument(
+        "--threads", type=int, nargs="+", default=[1, 2], help="numbers of threads (1 2)"
+    )
     parser.add_argument("--out", type=Path, default=HERE / "sweep.json")
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -50,7 +56,11 @@ def main():
         print(json.dumps(child(json.loads(options.child), options.runs, options.threads[0])))
         return
     result = {"machine": machine(), "runs": options.runs, "rows": []}
-    print(*(f"{key}: {value}" for key, value in result["machine"].items()), f"median of {options.runs} sweeps", sep="; ")
+    print(
+        *(f"{key}: {value}" for key, value in result["machine"].items()),
+        f"median of {options.runs} sweeps",
+        sep="; ",
+    )
     print(*(heading.rjust(width) for heading, (width, _) in COLUMNS.items()), sep="")
     for threads in options.threads:
         rows = compare(threads, options.runs)
@@ -65,18 +75,34 @@ def compare(threads, runs):
         from ngsolve_sweep import ROWS
     except ImportError as missing:
         sys.exit(f'sweep.py: {missing}; pip install "jaxgel[bench]"')
-    cases = [{"ngsolve": dataclasses.asdict(row)} for row in ROWS] + [{"spacing": spacing} for spacing in SPACINGS]
+    cases = [{"ngsolve": dataclasses.asdict(row)} for row in ROWS] + [
+        {"spacing": spacing} for spacing in SPACINGS
+    ]
     rows = []
     for case in cases:
         rows.append(isolated(case, runs, threads))
-        print(*(str(say(rows[-1])).rjust(width) for width, say in COLUMNS.values()), sep="", flush=True)
+        print(
+            *(str(say(rows[-1])).rjust(width) for width, say in COLUMNS.values()),
+            sep="",
+            flush=True,
+        )
     return rows
 
 
 def isolated(case, runs, threads):
     """Row of one case from a child process with that many threads and processors."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")  # the last is read by XLA
-    command = [sys.executable, __file__, "--runs", str(runs), "--threads", str(threads), "--child", json.dumps(case)]
+    # the last is read by XLA
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")
+    command = [
+        sys.executable,
+        __file__,
+        "--runs",
+        str(runs),
+        "--threads",
+        str(threads),
+        "--child",
+        json.dumps(case),
+    ]
     environment = os.environ | dict.fromkeys(names, str(threads)) | {"PYTHONPATH": str(HERE.parent)}
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode:
@@ -84,7 +110,11 @@ def isolated(case, runs, threads):
     row = json.loads(done.stdout.splitlines()[-1])
     exact = REFERENCE["core_rotation"]
     complete = len(row["core_rotation"]) == len(exact)
-    row["error"] = max(abs(a / b - 1) for a, b in zip(row["core_rotation"], exact, strict=True)) if complete else float("inf")
+    row["error"] = (
+        max(abs(a / b - 1) for a, b in zip(row["core_rotation"], exact, strict=True))
+        if complete
+        else float("inf")
+    )
     return row | {"threads": threads}
 
 
@@ -156,20 +186,40 @@ def free_dofs(cloud):
 
 
 def summarise(rows):
-    """Each jaxgel row against the fastest NGSolve row within ACCURACY, and against the last one: cubic elements, plain Newton."""
+    """Each jaxgel row against the fastest NGSolve row within ACCURACY, and against the last one.
+
+    The last one has cubic elements and plain Newton.
+    """
     peers = [row for row in rows if row["solver"].startswith("NGSolve")]
-    peers = [min((row for row in peers if row["error"] < ACCURACY), key=lambda row: row["wall_s"]), peers[-1]]
+    peers = [
+        min((row for row in peers if row["error"] < ACCURACY), key=lambda row: row["wall_s"]),
+        peers[-1],
+    ]
     for row in rows:
         if row["solver"].startswith("jaxgel"):
-            row["times_as_fast"] = {f"{p['solver']}, {p['free_dofs']} DOFs, {p['error']:.2%}": p["wall_s"] / row["wall_s"] for p in peers}
-            ratios = "; ".join(f"{ratio:.2f} times as fast as {peer}" for peer, ratio in row["times_as_fast"].items())
-            print(f"{row['solver']}, {row['threads']} thread(s), error {row['error']:.2%}: {ratios}")
+            row["times_as_fast"] = {
+                f"{p['solver']}, {p['free_dofs']} DOFs, {p['error']:.2%}": p["wall_s"]
+                / row["wall_s"]
+                for p in peers
+            }
+            ratios = "; ".join(
+                f"{ratio:.2f} times as fast as {peer}"
+                for peer, ratio in row["times_as_fast"].items()
+            )
+            print(
+                f"{row['solver']}, {row['threads']} thread(s), error {row['error']:.2%}: {ratios}"
+            )
 
 
 def machine():
     """What a time depends on, for the record."""
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
-    return {"Python": platform.python_version(), "processor": platform.machine(), "cores": os.cpu_count(), "load average": load}
+    return {
+        "Python": platform.python_version(),
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+        "load average": load,
+    }
 
 
 if __name__ == "__main__":

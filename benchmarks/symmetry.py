@@ -1,11 +1,12 @@
-"""Time of sweeps, and of a curve with its gradient, on a part of a symmetric plate beside the whole plate in the same run.
+"""Time of sweeps and gradients on a part of a symmetric plate beside the whole plate.
 
     python benchmarks/symmetry.py [--cases sample-1 ...] [--spacing MM] [--runs 5] [--gradient]
 
-Prints, for each case and branch on its default cloud or with the given spacing: nodes, the groups of its states, the median seconds of
-30 states to -0.9178 kT with ``symmetry="off"`` and "auto", taken in turn, their ratio, and how far states and energies are apart; with
-``--gradient`` also the seconds of the area reduction of the last state with its derivatives by all holes, on the stable branch. Run it
-under ``taskset -c 0`` with ``NPROC=1`` for one thread.
+Prints, for each case and branch on its default cloud or with the given spacing: nodes, the groups
+of its states, the median seconds of 30 states to -0.9178 kT with ``symmetry="off"`` and "auto",
+taken in turn, their ratio, and how far states and energies are apart; with ``--gradient`` also the
+seconds of the area reduction of the last state with its derivatives by all holes, on the stable
+branch. Run it under ``taskset -c 0`` with ``NPROC=1`` for one thread.
 """  # fmt: skip
 
 import argparse
@@ -19,7 +20,12 @@ import numpy as np
 import jaxgel
 
 MU = np.linspace(-4.9678, -0.9178, 30)  # kT
-CASES = {"sample-1": "stable", "sample-4": "symmetric", "sample-7": "symmetric", "lattice": "symmetric"}
+CASES = {
+    "sample-1": "stable",
+    "sample-4": "symmetric",
+    "sample-7": "symmetric",
+    "lattice": "symmetric",
+}
 
 
 def main():
@@ -27,10 +33,15 @@ def main():
     parser.add_argument("--cases", nargs="+", default=list(CASES), help="built-in names")
     parser.add_argument("--spacing", type=float, help="of the nodes, mm (the case's own)")
     parser.add_argument("--runs", type=int, default=5, help="timed runs of each (5)")
-    parser.add_argument("--gradient", action="store_true", help="time a value with its gradient, too")
+    parser.add_argument(
+        "--gradient", action="store_true", help="time a value with its gradient, too"
+    )
     options = parser.parse_args()
     times = f"{'off/s':>7} {'auto/s':>7} {'ratio':>6}"
-    print(f"{'case':10} {'branch':10} {'nodes':>6} {'states':20} {times} {'x, mm':>8} {'energy':>8} {'pivots':>6}")
+    print(
+        f"{'case':10} {'branch':10} {'nodes':>6} {'states':20} {times} {'x, mm':>8} {'energy':>8} "
+        f"{'pivots':>6}"
+    )
     for name in options.cases:
         plate, branch = jaxgel.sample(name), CASES.get(name, "stable")
         cloud = jaxgel.make_cloud(plate, spacing=options.spacing)
@@ -41,25 +52,45 @@ def main():
 
         (off, whole), (auto, part) = in_turn(path, options.runs)
         k = min(len(whole), len(part))
-        groups = ", ".join(f"{count} {group}" for group, count in collections.Counter(part.symmetry).items())
-        apart = np.abs(part.x[:k] - whole.x[:k]).max(), np.abs(part.energy[:k] / whole.energy[:k] - 1).max()
-        pivots = "equal" if np.array_equal(part.negative_pivots, whole.negative_pivots) else "differ"
+        groups = ", ".join(
+            f"{count} {group}" for group, count in collections.Counter(part.symmetry).items()
+        )
+        apart = (
+            np.abs(part.x[:k] - whole.x[:k]).max(),
+            np.abs(part.energy[:k] / whole.energy[:k] - 1).max(),
+        )
+        pivots = (
+            "equal" if np.array_equal(part.negative_pivots, whole.negative_pivots) else "differ"
+        )
         times = f"{off:7.3f} {auto:7.3f} {off / auto:6.2f}"
-        print(f"{name:10} {branch:10} {model.n_nodes:6d} {groups:20} {times} {apart[0]:8.1e} {apart[1]:8.1e} {pivots:>6}", flush=True)
+        print(
+            (
+                f"{name:10} {branch:10} {model.n_nodes:6d} {groups:20} {times} {apart[0]:8.1e} "
+                f"{apart[1]:8.1e} {pivots:>6}"
+            ),
+            flush=True,
+        )
         if options.gradient:
 
             def gradient(symmetry, cloud=cloud, plate=plate):
                 def value(theta):
                     model = jaxgel.discretise(cloud.at(plate.at(theta)))
-                    return jaxgel.area_reduction(jaxgel.sweep(jaxgel.Problem(model, plate.gel), MU, symmetry=symmetry))[-1]
+                    return jaxgel.area_reduction(
+                        jaxgel.sweep(jaxgel.Problem(model, plate.gel), MU, symmetry=symmetry)
+                    )[-1]
 
                 return jax.block_until_ready(jax.value_and_grad(value)(plate.theta))
 
             (off, (_, one)), (auto, (_, two)) = in_turn(gradient, options.runs)
             pairs = zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True)
-            apart = max(float(np.abs(a - b).max()) for a, b in pairs) / max(float(np.abs(a).max()) for a in jax.tree.leaves(one))
+            apart = max(float(np.abs(a - b).max()) for a, b in pairs) / max(
+                float(np.abs(a).max()) for a in jax.tree.leaves(one)
+            )
             print(
-                f"{'':10} value and gradient{'':21} {off:7.3f} {auto:7.3f} {off / auto:6.2f} {apart:8.1e} of the largest derivative",
+                (
+                    f"{'':10} value and gradient{'':21} {off:7.3f} {auto:7.3f} {off / auto:6.2f} "
+                    f"{apart:8.1e} of the largest derivative"
+                ),
                 flush=True,
             )
 
@@ -72,7 +103,9 @@ def in_turn(function, runs):
             begin = time.perf_counter()
             results[symmetry] = function(symmetry)
             times[symmetry].append(time.perf_counter() - begin)
-    return [(statistics.median(times[symmetry][1:]), results[symmetry]) for symmetry in ("off", "auto")]
+    return [
+        (statistics.median(times[symmetry][1:]), results[symmetry]) for symmetry in ("off", "auto")
+    ]
 
 
 if __name__ == "__main__":

@@ -1,10 +1,12 @@
-"""A bistable plate: four round holes whose pattern turns left or right at mu = -1.2 kT, with a prescribed barrier between the two.
+"""A bistable plate: four round holes whose pattern turns left or right at mu = -1.2 kT.
 
-Problem: radius of the holes and Nv of the gel, so that the barrier from either pattern over the straight one is 6e-4 kT/v mm^2, with
-ligaments of at least 1.1 mm and outlines that do not crease. Each pattern is entered under a torque on the middle and kept when that is
-taken away; both are certified stable there, and the saddle has one negative eigenvalue. The result is checked on a fresh, finer cloud.
+The barrier between the two is prescribed. Problem: radius of the holes and Nv of the gel, so that
+the barrier from either pattern over the straight one is 6e-4 kT/v mm^2, with ligaments of at least
+1.1 mm and outlines that do not crease. Each pattern is entered under a torque on the middle and
+kept when that is taken away; both are certified stable there, and the saddle has one negative
+eigenvalue. The result is checked on a fresh, finer cloud.
 
-    python design/bistable.py            # writes out/bistable: design.json, verified.json and design.png
+    python design/bistable.py  # writes out/bistable: design.json, verified.json, design.png
 """
 
 import dataclasses
@@ -26,7 +28,8 @@ MU = -1.2  # kT
 WANTED = 6e-4  # kT/v mm^2
 DISTANCE = 5.0  # of the centres from the midlines, mm
 SPACING, FINER = 0.45, 0.3  # of the clouds of the search and of the verification, mm
-TORQUE, REACH = 1e-4, 3.0  # greatest body force over the distance from the middle, kT/v mm^2, and how far it reaches, mm
+# greatest body force over the distance from the middle, kT/v mm^2, and how far it reaches, mm
+TORQUE, REACH = 1e-4, 3.0
 
 
 class Torque(Loads):
@@ -44,7 +47,12 @@ def _around(x):
 def plate(parameters):
     """The plate of a dict of parameters."""
     centres = [(x, y) for x in (DISTANCE, -DISTANCE) for y in (DISTANCE, -DISTANCE)]
-    return jaxgel.Plate(22.0, 22.0, [jaxgel.Circle(centre, parameters["radius"]) for centre in centres], name="bistable")
+    return jaxgel.Plate(
+        22.0,
+        22.0,
+        [jaxgel.Circle(centre, parameters["radius"]) for centre in centres],
+        name="bistable",
+    )
 
 
 def gel(parameters):
@@ -53,15 +61,20 @@ def gel(parameters):
 
 
 def patterns(path):
-    """The `State`s to either side without a torque: that in which a ``path`` ends, and that of a torque the other way."""
-    model, gel, control, x, pressure = jax.lax.stop_gradient((path.model, path.gel, path.control, path.x[-1], path.pressure[-1]))
+    """The `State`s to either side without a torque: the end of a ``path``, and its mirror."""
+    model, gel, control, x, pressure = jax.lax.stop_gradient(
+        (path.model, path.gel, path.control, path.x[-1], path.pressure[-1])
+    )
     other = jaxgel.sweep(jaxgel.Problem(model, gel, control=control, contact=False), [-1.0, 0.0])
     return dataclasses.replace(other[-1], x=x, pressure=pressure), other[-1]
 
 
 @functools.lru_cache(maxsize=1)  # for objective and report of one design
 def barriers(path):
-    """Both `Barrier`s between the `patterns`; their states may be constants, as a barrier is stationary in them."""
+    """Both `Barrier`s between the `patterns`.
+
+    Their states may be constants, as a barrier is stationary in them.
+    """
     return jaxgel.barrier(path.problem, 0.0, patterns(path))
 
 
@@ -86,7 +99,7 @@ problem = DesignProblem(
 
 
 def draw(design, path, file):
-    """Both patterns and the straight state between them, and the barrier over the evaluations of the search."""
+    """Both patterns, the straight state between them, and the barrier over the evaluations."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -104,7 +117,14 @@ def draw(design, path, file):
             ax.set_title(f"{name}, {state.negative_pivots} negative")
         found = [1e4 * row["reported"].get("barrier", np.nan) for row in design.history]
         axes[3].plot(range(1, len(found) + 1), found, marker="o", color="#0072b2", label="search")
-        axes[3].plot(len(found) + 1, 1e4 * float(height(path)), "s", mfc="none", color="#0072b2", label="fresh cloud")
+        axes[3].plot(
+            len(found) + 1,
+            1e4 * float(height(path)),
+            "s",
+            mfc="none",
+            color="#0072b2",
+            label="fresh cloud",
+        )
         axes[3].axhline(1e4 * WANTED, color="#d55e00", linestyle="--", label="wanted")
         axes[3].set(xlabel="evaluation", ylabel=r"barrier ($10^{-4}\,kT/v\,$mm$^2$)")
         axes[3].legend(frameon=False, fontsize=7.5)
@@ -114,7 +134,10 @@ def draw(design, path, file):
 def main(folder=Path("out/bistable")):
     """Search, verify on a finer cloud, write the folder."""
     design = optimise(problem, method="slsqp", evaluations=15, step=0.3, folder=folder, quiet=False)
-    verified = {"study": "bistable", "parameters": {name: float(value) for name, value in design.parameters.items()}}
+    verified = {
+        "study": "bistable",
+        "parameters": {name: float(value) for name, value in design.parameters.items()},
+    }
     verified["search"] = dict(
         value=design.value,
         feasible=design.feasible,
@@ -125,11 +148,20 @@ def main(folder=Path("out/bistable")):
     for name, parameters in (("start", problem.start), ("best", design.parameters)):
         verified[name], path = verify(problem, parameters, spacing=FINER, mu=problem.mu)
         found = barriers(path)
-        verified[name]["negative"] = [*(barrier.state.negative_pivots for barrier in found), found[0].saddle.negative_pivots]
+        verified[name]["negative"] = [
+            *(barrier.state.negative_pivots for barrier in found),
+            found[0].saddle.negative_pivots,
+        ]
         own = verified[name]["reported"]["barrier"]
-        print(f"{name}: barrier {own:.4e} kT/v mm^2 on {path.model.n_nodes} nodes; {verified[name]['reason']}")
+        print(
+            f"{name}: barrier {own:.4e} kT/v mm^2 on {path.model.n_nodes} nodes; "
+            f"{verified[name]['reason']}"
+        )
     (folder / "verified.json").write_text(json.dumps(verified, indent=1))
-    print(f"{design.text}: {verified['parameters']}, barrier {design.reported['barrier']:.4e} in the search")
+    print(
+        f"{design.text}: {verified['parameters']}, barrier {design.reported['barrier']:.4e} in "
+        "the search"
+    )
     draw(design, path, folder / "design.png")
 
 

@@ -1,7 +1,8 @@
-"""Closing without turning: four holes that close as far as they can at mu = -0.9178 kT while the core stays straight.
+"""Closing without turning: four holes close at mu = -0.9178 kT while the core stays straight.
 
-Problem: radius, place and outline (Fourier modes) of one hole, the others being its quarter turns; core rotation below 1 degree, a
-tangent whose lowest eigenvalue keeps a margin to instability, no crease. Round holes of sample 4 buckle: Deng et al. (2020),
+Problem: radius, place and outline (Fourier modes) of one hole, the others being its quarter turns;
+core rotation below 1 degree, a tangent whose lowest eigenvalue keeps a margin to instability, no
+crease. Round holes of sample 4 buckle: Deng et al. (2020),
 https://doi.org/10.1016/j.enganabound.2019.12.004
 """
 
@@ -16,4 +17,7 @@ if __name__ == "__main__":
     print(design.text)
     for name in ("start", "best"):
         found, last = verified[name], verified[name]["last"]
-        print(f"{name}: {100 * last['area_reduction']:.2f} % area reduction, surface ratio {found['surface_ratio']:.2f}, {found['reason']}")
+        print(
+            f"{name}: {100 * last['area_reduction']:.2f} % area reduction, surface ratio "
+            f"{found['surface_ratio']:.2f}, {found['reason']}"
+        )

@@ -1,10 +1,12 @@
-"""Parameter identification: chain density Nv, solvent quality chi and the radius of a hole from one noisy swelling curve.
+"""Parameter identification: Nv, chi and the radius of a hole from one noisy swelling curve.
 
-Problem: the area reduction of a round hole in an 8 mm plate was measured at 16 chemical potentials with a standard
-deviation of 1e-4; which gel and which hole were they? Least squares by `jaxgel design`, confidence from Gauss and Newton's Hessian.
+Problem: the area reduction of a round hole in an 8 mm plate was measured at 16 chemical potentials
+with a standard deviation of 1e-4; which gel and which hole were they? Least squares by
+`jaxgel design`, confidence from Gauss and Newton's Hessian.
 
-The data are synthetic. Made on the cloud that also fits them they would flatter the fit (an "inverse crime"), so they come from a finer
-cloud; how often 95 % intervals contain the truth is counted for both.
+The data are synthetic. Made on the cloud that also fits them they would flatter the fit (an
+"inverse crime"), so they come from a finer cloud; how often 95 % intervals contain the truth is
+counted for both.
 """
 
 from pathlib import Path
@@ -25,8 +27,13 @@ study = load_study(Path(__file__).with_suffix(".toml"))
 
 
 def curve(parameters, spacing=None, cloud=None):
-    """Area reduction (16,) of the study's plate at a dict of parameters, on a new cloud unless one is given."""
-    cloud = study.problem.make_cloud(study.problem.plate(TRUTH), spacing) if cloud is None else cloud
+    """Area reduction (16,) of the study's plate at a dict of parameters, on a new cloud.
+
+    A cloud may be given.
+    """
+    cloud = (
+        study.problem.make_cloud(study.problem.plate(TRUTH), spacing) if cloud is None else cloud
+    )
     return jaxgel.area_reduction(study.problem.path(parameters, cloud))
 
 
@@ -37,12 +44,14 @@ def fit(data, cloud, steps=6):
     for _ in range(steps):
         values, pushed = jax.linearize(lambda v: curve(unravel(v), cloud=cloud), flat)
         slopes = np.stack([np.asarray(pushed(jnp.asarray(d))) for d in np.diag(scale)], axis=1)
-        flat = flat + scale * np.clip(np.linalg.lstsq(slopes, data - np.asarray(values), rcond=None)[0], -0.2, 0.2)
+        flat = flat + scale * np.clip(
+            np.linalg.lstsq(slopes, data - np.asarray(values), rcond=None)[0], -0.2, 0.2
+        )
     return unravel(flat)
 
 
 def coverage(clean, cloud, realisations=20):
-    """Shares of 95 % intervals that contain the truth, a dict, over noisy copies of the curve ``clean``."""
+    """Shares of 95 % intervals that contain the truth, a dict, over noisy copies of ``clean``."""
     hits, random = dict.fromkeys(TRUTH, 0), np.random.default_rng(7)
     for _ in range(realisations):
         found = fit(np.asarray(clean) + NOISE * random.normal(size=len(clean)), cloud)
@@ -61,8 +70,18 @@ def synthetic_data(seed=3):
 if __name__ == "__main__":
     design, verified = run_study(study, Path("out") / study.name, quiet=False)
     cloud = study.problem.make_cloud(study.problem.plate(TRUTH))
-    deviations, _ = intervals(study.problem, design.parameters, jaxgel.area_reduction, NOISE, cloud=cloud)
+    deviations, _ = intervals(
+        study.problem, design.parameters, jaxgel.area_reduction, NOISE, cloud=cloud
+    )
     for name, truth in TRUTH.items():
-        print(f"{name}: {float(design.parameters[name]):.5g} +- {1.96 * float(deviations[name]):.2g} (95 %), truth {truth:g}")
-    print("coverage of 95 % intervals, data from the same cloud:", coverage(curve(TRUTH, cloud=cloud), cloud))
-    print("coverage of 95 % intervals, data from a finer cloud: ", coverage(curve(TRUTH, FINE), cloud))
+        print(
+            f"{name}: {float(design.parameters[name]):.5g} +- "
+            f"{1.96 * float(deviations[name]):.2g} (95 %), truth {truth:g}"
+        )
+    print(
+        "coverage of 95 % intervals, data from the same cloud:",
+        coverage(curve(TRUTH, cloud=cloud), cloud),
+    )
+    print(
+        "coverage of 95 % intervals, data from a finer cloud: ", coverage(curve(TRUTH, FINE), cloud)
+    )

@@ -1,7 +1,9 @@
-"""Target curve: a midline rotation proportional to mu - mu0 for mu between -2 and -1 kT, an inverse problem on the whole sweep.
+"""Target curve: a midline rotation proportional to mu - mu0 between -2 and -1 kT.
 
-Problem: semi-axes, centre and tilt of one ellipse, the others being its quarter turns, so that the rotation is 18 (mu + 2.5) degrees.
-Start: sample 1 of Deng et al. (2020), https://doi.org/10.1016/j.enganabound.2019.12.004, whose rotation grows ever faster.
+It is an inverse problem on the whole sweep. Problem: semi-axes, centre and tilt of one ellipse, the
+others being its quarter turns, so that the rotation is 18 (mu + 2.5) degrees. Start: sample 1 of
+Deng et al. (2020), https://doi.org/10.1016/j.enganabound.2019.12.004, whose rotation grows ever
+faster.
 """
 
 from pathlib import Path
@@ -15,4 +17,7 @@ if __name__ == "__main__":
     print(design.text)
     for name in ("start", "best"):
         found = verified[name]
-        print(f"{name}: off by {found['value'] ** 0.5:.3f} degrees (root mean square), {found['nodes']} nodes, {found['reason']}")
+        print(
+            f"{name}: off by {found['value'] ** 0.5:.3f} degrees (root mean square), "
+            f"{found['nodes']} nodes, {found['reason']}"
+        )

@@ -1,8 +1,9 @@
-"""Place the onset of buckling: sample 4 of Deng et al. (2020) is to buckle at mu = -1.2 kT instead of -1.77.
+"""Place the onset of buckling: sample 4 of Deng et al. (2020) at mu = -1.2 kT instead of -1.77.
 
-The radii and the distance of the four circles from the middle change together, so the plate keeps its symmetry. Each step is the shortest
-change of the two that reaches the wanted onset along the gradient of the critical mu (Newton's method on one equation with two
-unknowns). The result is checked on a cloud with twice as many nodes.
+The radii and the distance of the four circles from the middle change together, so the plate keeps
+its symmetry. Each step is the shortest change of the two that reaches the wanted onset along the
+gradient of the critical mu (Newton's method on one equation with two unknowns). The result is
+checked on a cloud with twice as many nodes.
 
     python design/onset.py            # writes out/onset.png; a few minutes
 """
@@ -23,27 +24,38 @@ TOLERANCE = 1e-6  # kT
 
 def placed(cloud, theta):
     """The model of sample 4 with radius theta[0] and centres at (+-theta[1], +-theta[1]), mm."""
-    holes = [{"radius": theta[0], "centre": jnp.sign(hole.centre) * theta[1]} for hole in cloud.plate.holes]
+    holes = [
+        {"radius": theta[0], "centre": jnp.sign(hole.centre) * theta[1]}
+        for hole in cloud.plate.holes
+    ]
     return jaxgel.discretise(cloud.at(cloud.plate.at(holes)))
 
 
 def onset(theta, cloud, expected):
     """Critical mu () of the first bifurcation, kT."""
-    points = jaxgel.critical_points(jaxgel.Problem(placed(cloud, theta), cloud.plate.gel), (expected - WINDOW, expected + WINDOW), most=1)
+    points = jaxgel.critical_points(
+        jaxgel.Problem(placed(cloud, theta), cloud.plate.gel),
+        (expected - WINDOW, expected + WINDOW),
+        most=1,
+    )
     if not points:
         raise ArithmeticError(f"no bifurcation within {WINDOW} kT of mu = {expected:.3f}")
     return points[0].mu
 
 
 def design(cloud, theta, expected, wanted=WANTED):
-    """History of (theta, onset): from ``theta`` with its ``expected`` onset until the ``wanted`` one is met."""
+    """History of (theta, onset) from ``theta`` to the ``wanted`` onset.
+
+    It begins with the ``expected`` onset.
+    """
     history = []
     for _ in range(STEPS):
         now, gradient = jax.value_and_grad(onset)(theta, cloud, expected)
         history.append((np.asarray(theta), float(now)))
         if abs(now - wanted) < TOLERANCE:
             break
-        change = np.clip(wanted - now, -0.25, 0.25)  # at most so far that the next onset lies in the window
+        # at most so far that the next onset lies in the window
+        change = np.clip(wanted - now, -0.25, 0.25)
         theta, expected = theta + change * gradient / (gradient @ gradient), float(now + change)
     return history
 
@@ -64,7 +76,9 @@ def draw(cloud, history, file):
         axes[0].set(xlabel="step", ylabel=r"onset of buckling $\mu_c$ ($kT$)")
         axes[0].legend(frameon=False)
         axes[0].set_xticks(range(len(history)))
-        for ax, (theta, _), name in zip(axes[1:], (history[0], history[-1]), ("sample 4", "design"), strict=True):
+        for ax, (theta, _), name in zip(
+            axes[1:], (history[0], history[-1]), ("sample 4", "design"), strict=True
+        ):
             model = placed(cloud, theta)
             path = jaxgel.sweep(jaxgel.Problem(model, cloud.plate.gel), [-2.2, -1.4])
             plot_pattern(path, -1, ax=ax, field=None)
@@ -82,9 +96,14 @@ def main():
     theta = jnp.array([float(plate.holes[0].radius), abs(float(plate.holes[0].centre[0]))])
     history = design(cloud, theta, -1.76)
     for step, (theta, mu) in enumerate(history):
-        print(f"step {step}: radius {theta[0]:.4f} mm, distance {theta[1]:.4f} mm, onset {mu:.6f} kT")
+        print(
+            f"step {step}: radius {theta[0]:.4f} mm, distance {theta[1]:.4f} mm, onset {mu:.6f} kT"
+        )
     fine = jaxgel.make_cloud(plate, spacing=22 / 60)
-    print(f"on {len(fine.nodes)} nodes instead of {len(cloud.nodes)}: onset {float(onset(history[-1][0], fine, WANTED)):.5f} kT")
+    print(
+        f"on {len(fine.nodes)} nodes instead of {len(cloud.nodes)}: onset "
+        f"{float(onset(history[-1][0], fine, WANTED)):.5f} kT"
+    )
     draw(cloud, history, "out/onset.png")
 
 

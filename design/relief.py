@@ -1,7 +1,8 @@
 """Relief valve: a buckled strip that snaps open at the load 0.25 and shut at -0.26.
 
-Problem: radius of a hole above the middle line and Nv of the gel, so that both folds of the loop lie at prescribed loads. The strip swells
-between two walls, buckles, and snaps through under a traction on its top edge.
+Problem: radius of a hole above the middle line and Nv of the gel, so that both folds of the loop
+lie at prescribed loads. The strip swells between two walls, buckles, and snaps through under a
+traction on its top edge.
 """
 
 from pathlib import Path
@@ -15,4 +16,7 @@ if __name__ == "__main__":
     print(design.text)
     for name in ("start", "best"):
         folds = verified[name]["reported"]
-        print(f"{name}: opens at {folds['fold_up']:.4f}, shuts at {folds['fold_down']:.4f}, {verified[name]['reason']}")
+        print(
+            f"{name}: opens at {folds['fold_up']:.4f}, shuts at {folds['fold_down']:.4f}, "
+            f"{verified[name]['reason']}"
+        )

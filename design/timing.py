@@ -1,7 +1,9 @@
-"""Prescribed time: a plate in a bath whose core turns by 15 degrees at t = 0.5, an inverse problem of transient swelling.
+"""Prescribed time: a plate in a bath whose core turns by 15 degrees at t = 0.5.
 
-Problem: semi-axes, centre and tilt of one ellipse, the others being its quarter turns; ligaments of at least 0.8 mm, no self-contact.
-Start: sample 1 of Deng et al. (2020), https://doi.org/10.1016/j.enganabound.2019.12.004, whose core turns more slowly.
+It is an inverse problem of transient swelling. Problem: semi-axes, centre and tilt of one ellipse,
+the others being its quarter turns; ligaments of at least 0.8 mm, no self-contact. Start: sample 1
+of Deng et al. (2020), https://doi.org/10.1016/j.enganabound.2019.12.004, whose core turns more
+slowly.
 """
 
 from pathlib import Path
@@ -16,4 +18,6 @@ if __name__ == "__main__":
     for name in ("start", "best"):
         found = verified[name]
         rotation = found["last"]["core_rotation"]
-        print(f"{name}: {rotation:.2f} degrees at t = 0.5, {found['nodes']} nodes, {found['reason']}")
+        print(
+            f"{name}: {rotation:.2f} degrees at t = 0.5, {found['nodes']} nodes, {found['reason']}"
+        )

@@ -1,7 +1,8 @@
 """Soft valve: one bore that closes by 40 % at mu = -0.6678 kT, without creasing.
 
-Problem: semi-axes and exponent of a superelliptic bore in a 22 mm plate, so that its area falls by 40 % while the surface stretch ratio
-stays below 2.4, where the surface of a gel creases: Hong, Zhao & Suo (2009), https://doi.org/10.1063/1.3211917
+Problem: semi-axes and exponent of a superelliptic bore in a 22 mm plate, so that its area falls by
+40 % while the surface stretch ratio stays below 2.4, where the surface of a gel creases: Hong, Zhao
+& Suo (2009), https://doi.org/10.1063/1.3211917
 """
 
 from pathlib import Path
@@ -15,4 +16,7 @@ if __name__ == "__main__":
     print(design.text)
     for name in ("start", "best"):
         found, last = verified[name], verified[name]["last"]
-        print(f"{name}: {100 * last['area_reduction']:.2f} % area reduction, surface ratio {found['surface_ratio']:.2f}, {found['reason']}")
+        print(
+            f"{name}: {100 * last['area_reduction']:.2f} % area reduction, surface ratio "
+            f"{found['surface_ratio']:.2f}, {found['reason']}"
+        )

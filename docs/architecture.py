@@ -1,8 +1,9 @@
-"""Figure of docs/architecture.md: the packages, who imports whom, and the way of mu and theta through one step.
+"""Figure of docs/architecture.md: packages, imports, and mu and theta in one step.
 
     python docs/architecture.py
 
-The grey arrows are read from the source: a package points to those that import from it, without the arrows that follow from others.
+The grey arrows are read from the source: a package points to those that import from it, without the
+arrows that follow from others.
 """  # fmt: skip
 
 import ast
@@ -61,8 +62,14 @@ HOLDS = {
     "cli": "the command line",
 }
 WAYS = {  # colour and packages visited, in order
-    "mu through one step of a sweep": ("#0072b2", "continuation equilibrium mechanics linalg equilibrium continuation"),
-    "theta from a hole to a number": ("#d55e00", "geometry cloud discretisation continuation equilibrium observables"),
+    "mu through one step of a sweep": (
+        "#0072b2",
+        "continuation equilibrium mechanics linalg equilibrium continuation",
+    ),
+    "theta from a hole to a number": (
+        "#d55e00",
+        "geometry cloud discretisation continuation equilibrium observables",
+    ),
 }
 
 
@@ -80,7 +87,10 @@ def imports():
 def reduced(graph):
     """The graph without the edges that follow from others, and without those against the order."""
     order = list(PLACES)
-    graph = {name: {other for other in others if order.index(other) < order.index(name)} for name, others in graph.items()}
+    graph = {
+        name: {other for other in others if order.index(other) < order.index(name)}
+        for name, others in graph.items()
+    }
 
     def reached(name, seen):
         for other in graph[name] - seen:
@@ -88,13 +98,18 @@ def reduced(graph):
             reached(other, seen)
         return seen
 
-    beyond = {name: set().union(*(reached(other, set()) for other in others)) for name, others in graph.items()}
+    beyond = {
+        name: set().union(*(reached(other, set()) for other in others))
+        for name, others in graph.items()
+    }
     return {name: graph[name] - beyond[name] for name in graph}
 
 
 def draw(file):
     """Write the figure."""
-    mpl.rcParams.update({"svg.hashsalt": "jaxgel", "svg.fonttype": "none", "font.family": "sans-serif"})
+    mpl.rcParams.update(
+        {"svg.hashsalt": "jaxgel", "svg.fonttype": "none", "font.family": "sans-serif"}
+    )
     figure, ax = plt.subplots(figsize=(14, 3.8), layout="constrained")
     centre = {name: (1.42 * column, row) for name, (column, row) in PLACES.items()}
     for name, others in reduced(imports()).items():
@@ -104,23 +119,51 @@ def draw(file):
             if x0 == x1:
                 half = HEIGHT / 2 if y1 > y0 else -HEIGHT / 2
                 start, end = (x0, y0 + half), (x1, y1 - half)
-            ax.annotate("", end, start, arrowprops=dict(arrowstyle="-|>", color="0.6", lw=1, shrinkA=0, shrinkB=0))
+            ax.annotate(
+                "",
+                end,
+                start,
+                arrowprops=dict(arrowstyle="-|>", color="0.6", lw=1, shrinkA=0, shrinkB=0),
+            )
     for name, (x, y) in centre.items():
         ax.add_patch(
-            FancyBboxPatch((x - WIDTH / 2, y - HEIGHT / 2), WIDTH, HEIGHT, boxstyle="round,pad=0,rounding_size=0.06", fc="white", ec="0.35")
+            FancyBboxPatch(
+                (x - WIDTH / 2, y - HEIGHT / 2),
+                WIDTH,
+                HEIGHT,
+                boxstyle="round,pad=0,rounding_size=0.06",
+                fc="white",
+                ec="0.35",
+            )
         )
         ax.text(x, y + 0.13, name, ha="center", va="center", fontsize=9.5, weight="bold")
-        ax.text(x, y - 0.12, HOLDS[name], ha="center", va="center", fontsize=8, color="0.3", linespacing=0.95)
+        ax.text(
+            x,
+            y - 0.12,
+            HOLDS[name],
+            ha="center",
+            va="center",
+            fontsize=8,
+            color="0.3",
+            linespacing=0.95,
+        )
     for row, (label, (colour, stops)) in enumerate(WAYS.items()):
         dot = dict(
-            ha="center", va="center", fontsize=7, color="white", bbox=dict(boxstyle="circle,pad=0.2", fc=colour, ec="none"), zorder=4
+            ha="center",
+            va="center",
+            fontsize=7,
+            color="white",
+            bbox=dict(boxstyle="circle,pad=0.2", fc=colour, ec="none"),
+            zorder=4,
         )
         seen = {}
         for number, stop in enumerate(stops.split(), start=1):
             x, y = centre[stop]
             shift = 0.22 * seen.setdefault(stop, 0)
             seen[stop] += 1
-            ax.text(x - WIDTH / 2 + 0.12 + shift, y + (0.5 - row) * (HEIGHT + 0.02), str(number), **dot)
+            ax.text(
+                x - WIDTH / 2 + 0.12 + shift, y + (0.5 - row) * (HEIGHT + 0.02), str(number), **dot
+            )
         ax.text(2.6, 2.25 - 0.3 * row, "1", **dot)
         ax.text(2.8, 2.25 - 0.3 * row, label, va="center", fontsize=9)
     ax.set(xlim=(-0.7, 14.9), ylim=(-0.45, 2.45))

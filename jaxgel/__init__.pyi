@@ -43,6 +43,7 @@ from .continuation import StepControl as StepControl
 from .continuation import sweep as sweep
 from .controls import Driven as Driven
 from .controls import Load as Load
+from .controls import Punch as Punch
 from .controls import Setting as Setting
 from .controls import Stretch as Stretch
 from .design import Constraint as Constraint
@@ -64,10 +65,13 @@ from .equilibrium import Newton as Newton
 from .equilibrium import Observer as Observer
 from .equilibrium import Status as Status
 from .geometry import Circle as Circle
+from .geometry import Disc as Disc
 from .geometry import Ellipse as Ellipse
 from .geometry import Fourier as Fourier
+from .geometry import HalfPlane as HalfPlane
 from .geometry import Plate as Plate
 from .geometry import Polygon as Polygon
+from .geometry import Polyline as Polyline
 from .geometry import Rectangle as Rectangle
 from .geometry import Superellipse as Superellipse
 from .materials import ArrudaBoyce as ArrudaBoyce
@@ -92,9 +96,13 @@ from .observables import area_reduction as area_reduction
 from .observables import area_reduction_per_hole as area_reduction_per_hole
 from .observables import at_time as at_time
 from .observables import cauchy_stress as cauchy_stress
+from .observables import contact_pressure as contact_pressure
 from .observables import core_rotation as core_rotation
+from .observables import displacement_at as displacement_at
+from .observables import leak_area as leak_area
 from .observables import macroscopic_deformation as macroscopic_deformation
 from .observables import min_gap as min_gap
+from .observables import obstacle_force as obstacle_force
 from .observables import outlines as outlines
 from .observables import rotation_angle as rotation_angle
 from .observables import surface_ratio as surface_ratio

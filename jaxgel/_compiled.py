@@ -1,8 +1,9 @@
-"""``jax.jit`` of jaxgel's functions, whose programs can be kept for later processes, and those of their derivatives.
+"""``jax.jit`` of jaxgel's functions and their derivatives, with programs that can be kept.
 
-Under JAX's transformations a function is a primitive of flat arrays: its tangents, and the reverse of these, are functions of flat arrays
-again, with programs of their own. They remember the arguments only and evaluate the function anew, so that its values are those of one
-program, differentiated or not; JAX would compile them once more, with all that their reverse needs.
+Under JAX's transformations a function is a primitive of flat arrays: its tangents, and the reverse
+of these, are functions of flat arrays again, with programs of their own. They remember the
+arguments only and evaluate the function anew, so that its values are those of one program,
+differentiated or not; JAX would compile them once more, with all that their reverse needs.
 """
 
 import dataclasses
@@ -26,11 +27,12 @@ R = TypeVar("R")
 
 
 def compiled(*, static: tuple[str, ...] = ()) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator: ``jax.jit`` of a function of jaxgel, whose arguments called ``static`` are hashable values.
+    """Decorator: ``jax.jit`` of a function of jaxgel with hashable ``static`` arguments.
 
-    If programs are kept (`keep_programs`), calls load them, or compile and keep them, for arrays of these shapes and types; Python numbers
-    count as arrays. So do derivatives. In the trace of another program it is ``jax.jit`` alone. What depends on a function or class that
-    is not jaxgel's is not kept.
+    If programs are kept (`keep_programs`), calls load them, or compile and keep them, for arrays of
+    these shapes and types; Python numbers count as arrays. So do derivatives. In the trace of
+    another program it is ``jax.jit`` alone. What depends on a function or class that is not
+    jaxgel's is not kept.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -46,17 +48,24 @@ def compiled(*, static: tuple[str, ...] = ()) -> Callable[[Callable[P, R]], Call
             fixed = [(place, args[place]) for place in places if place < len(args)]
             fixed += [(name, options[name]) for name in static if name in options]
             moving = [arg for place, arg in enumerate(args) if place not in places]
-            leaves, structure = jax.tree.flatten((moving, {name: options[name] for name in options if name not in static}))
+            leaves, structure = jax.tree.flatten(
+                (moving, {name: options[name] for name in options if name not in static})
+            )
             flat = _Call(function, structure, tuple(fixed), jitted)
             if is_traced(leaves):
                 at = [differentiated_value(leaf) for leaf in leaves]
                 if is_traced(at):
                     return jitted(*args, **options)
                 result = PROGRAMS.of(flat, at)[1] if are_kept() else None
-                values, result = _results(flat, leaves), result or jax.tree.structure(jitted.eval_shape(*args, **options))
+                values, result = (
+                    _results(flat, leaves),
+                    result or jax.tree.structure(jitted.eval_shape(*args, **options)),
+                )
             else:
                 values, result = PROGRAMS.run(flat, leaves)
-            return jitted(*args, **options) if values is None else jax.tree.unflatten(result, values)
+            return (
+                jitted(*args, **options) if values is None else jax.tree.unflatten(result, values)
+            )
 
         return call
 
@@ -94,7 +103,7 @@ class _Call:
 
 
 class Programs:
-    """The compiled programs of this process, and those of functions of flat arrays that it has loaded or made to keep."""
+    """Compiled programs of this process, and functions of flat arrays loaded or made to be kept."""
 
     def __init__(self) -> None:
         self.jitted, self._latest, self._by_shapes = [], {}, {}
@@ -115,12 +124,17 @@ class Programs:
         program, result = self._latest.get(function) or self.of(function, leaves)
         try:
             return None if program is None else program(*leaves), result
-        except TypeError:  # other shapes than those of the latest call, to compare which takes as long as a small program
+        # other shapes than those of the latest call, to compare which takes as long as a small
+        # program
+        except TypeError:
             program, result = self.of(function, leaves)
             return None if program is None else program(*leaves), result
 
     def of(self, function: Any, leaves: list) -> tuple[Callable[..., list] | None, Any]:
-        """The program of ``function`` for the shapes of ``leaves``, and the structure of its results; None if it is left to ``jax.jit``."""
+        """The program of ``function`` for the shapes of ``leaves``, and the structure of results.
+
+        None if it is left to ``jax.jit``.
+        """
         shapes = tuple([(leaf.shape, leaf.dtype) for leaf in map(jax.typeof, leaves)])
         found = self._by_shapes.get((function, shapes))
         if found is None:
@@ -144,7 +158,9 @@ def _loaded(function, shapes):
     except NotDescribed:
         return None, None
     name = f"{_name(function)}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
-    return KEPT.load(name) or (_made(name, function, shapes) if KEPT.accepts(name) else (None, None))
+    return KEPT.load(name) or (
+        _made(name, function, shapes) if KEPT.accepts(name) else (None, None)
+    )
 
 
 def _name(function):
@@ -158,7 +174,11 @@ def _made(name, function, shapes):
 
     def flat(*leaves):
         nonlocal result
-        values, result = jax.tree.flatten(function.of(function.function, leaves) if isinstance(function, _Call) else function(*leaves))
+        values, result = jax.tree.flatten(
+            function.of(function.function, leaves)
+            if isinstance(function, _Call)
+            else function(*leaves)
+        )
         return values
 
     flat.__name__ = _name(function)
@@ -166,7 +186,7 @@ def _made(name, function, shapes):
     return KEPT.saved(name, lowered, result), result
 
 
-# --- derivatives -------------------------------------------------------------------------------------------------------------
+# --- derivatives ----------------------------------------------------------------------------------
 
 
 class _Derivative:
@@ -179,7 +199,10 @@ class _Derivative:
 
 @dataclasses.dataclass(frozen=True)
 class _Tangent(_Derivative):
-    """Tangents of the results of floating type, for the arguments and, after them, the tangents of those numbered ``which``."""
+    """Tangents of the results of floating type for tangents of the arguments ``which``.
+
+    These follow the arguments.
+    """
 
     function: Any
     which: tuple
@@ -193,7 +216,10 @@ class _Tangent(_Derivative):
 
 @dataclasses.dataclass(frozen=True)
 class _Reverse(_Derivative):
-    """Cotangents of the arguments numbered ``which``, for all arguments and, after them, cotangents of results of floating type."""
+    """Cotangents of the arguments numbered ``which``, for those of results of floating type.
+
+    The arguments come first, then the cotangents.
+    """
 
     function: Any
     which: tuple
@@ -205,7 +231,11 @@ class _Reverse(_Derivative):
 
     def __call__(self, *args):
         values, at = _of_some(self.function, args[: self.count], self.which)
-        return list(jax.vjp(lambda *at: list(itertools.compress(values(*at), self.asked)), *at)[1](list(args[self.count :])))
+        return list(
+            jax.vjp(lambda *at: list(itertools.compress(values(*at), self.asked)), *at)[1](
+                list(args[self.count :])
+            )
+        )
 
 
 def _of_some(function, args, which):
@@ -213,20 +243,28 @@ def _of_some(function, args, which):
 
     def values(*some):
         given = dict(zip(which, some, strict=True))
-        return [value for value in function(*(given.get(i, arg) for i, arg in enumerate(args))) if _is_floating(value)]
+        return [
+            value
+            for value in function(*(given.get(i, arg) for i, arg in enumerate(args)))
+            if _is_floating(value)
+        ]
 
     return values, tuple(args[i] for i in which)
 
 
 def tangents(function: Callable[..., Any], args: Any, dots: Any, values: Any) -> list:
-    """Tangents of the results of floating type of a ``function`` of flat arrays, which are ``values``.
+    """Tangents of the ``values`` of floating type of a ``function`` of flat arrays.
 
-    Found by a program of their own. The ``function`` is hashable and returns a list; None stands for
-    tangents ``dots`` of its ``args`` that are 0.
+    Found by a program of their own. The ``function`` is hashable and returns a list; None stands
+    for tangents ``dots`` of its ``args`` that are 0.
     """
     which = tuple(i for i, dot in enumerate(dots) if dot is not None)
     shapes = tuple(jax.ShapeDtypeStruct(value.shape, value.dtype) for value in values)
-    return _results(_Tangent(function, which), [*args, *(dots[i] for i in which)], shapes) if shapes else []
+    return (
+        _results(_Tangent(function, which), [*args, *(dots[i] for i in which)], shapes)
+        if shapes
+        else []
+    )
 
 
 def _is_floating(value):
@@ -234,7 +272,7 @@ def _is_floating(value):
 
 
 def _results(function, leaves, shapes=None):
-    """The results of a function of flat arrays, which have these ``shapes`` and types if they are known."""
+    """The results of a function of flat arrays, with these ``shapes`` and types if known."""
     inputs = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in map(jax.typeof, leaves))
     return flat_call.bind(*leaves, function=function, inputs=inputs, shapes=shapes)
 
@@ -261,13 +299,16 @@ def _jvp(args, dots, *, function, **_):
 
 
 def _transpose(cotangents, args, *, function, inputs, shapes):
-    """Only tangents are linear in some of their arguments: in the tangents, that is, which are the last ones."""
+    """Transposition by the tangents, the last arguments, in which alone a function is linear."""
     asked = tuple(one is not None for one in cotangents)
     if not any(asked):
         return [None] * len(args)
     count = len(args) - len(function.which)
     numbers = [number for number, arg in enumerate(args) if arg is None]
-    which, shapes = tuple(function.which[number - count] for number in numbers), tuple(inputs[number] for number in numbers)
+    which, shapes = (
+        tuple(function.which[number - count] for number in numbers),
+        tuple(inputs[number] for number in numbers),
+    )
     reverse = _Reverse(function.function, which, count, asked)
     found = iter(_results(reverse, [*args[:count], *itertools.compress(cotangents, asked)], shapes))
     return [next(found) if arg is None else None for arg in args]

@@ -1,4 +1,4 @@
-"""Texts of tree structures and static values that stand for the same in every process, for names of kept programs."""
+"""Texts of tree structures and static values, equal in every process, to name kept programs."""
 
 import dataclasses
 import hashlib
@@ -17,14 +17,21 @@ class NotDescribed(Exception):
 
 
 def described(value: object) -> str:
-    """Text of a tree structure or static value that stands for the same in every process with the same jaxgel; `NotDescribed` if none does.
+    """Text of a tree structure or static value, equal in every process with the same jaxgel.
 
-    Functions and classes are named, those of jaxgel and Python's own alone: others may change.
+    `NotDescribed` if there is none. Functions and classes are named, those of jaxgel and Python's
+    own alone: others may change.
     """
     if value is None or value is type(None) or isinstance(value, bool | int | float | str):
         return repr(value)
-    if isinstance(value, np.ndarray | np.generic | jax.Array) and not is_traced(value) and value.dtype != object:
-        return f"{value.dtype}{value.shape}{hashlib.sha256(np.asarray(value).tobytes()).hexdigest()}"
+    if (
+        isinstance(value, np.ndarray | np.generic | jax.Array)
+        and not is_traced(value)
+        and value.dtype != object
+    ):
+        return (
+            f"{value.dtype}{value.shape}{hashlib.sha256(np.asarray(value).tobytes()).hexdigest()}"
+        )
     if isinstance(getattr(value, "wkb", None), bytes):  # a polygon of shapely
         return hashlib.sha256(value.wkb).hexdigest()
     if isinstance(value, tuple | list):
@@ -43,13 +50,20 @@ def described(value: object) -> str:
 @once_per_owner
 def _fields(value):
     """A digest of a dataclass's fields, which may be a whole cloud."""
-    parts = ", ".join(described(getattr(value, field.name)) for field in dataclasses.fields(value) if field.compare)
+    parts = ", ".join(
+        described(getattr(value, field.name))
+        for field in dataclasses.fields(value)
+        if field.compare
+    )
     return hashlib.sha256(parts.encode()).hexdigest()
 
 
 def _name(value):
-    """The name of a function or class at the top of one of jaxgel's modules, or of Python's builtins or jaxlib's."""
-    module, name = getattr(value, "__module__", None) or "", getattr(value, "__qualname__", None) or ""
+    """The name of a top-level function or class of jaxgel, of Python's builtins or of jaxlib."""
+    module, name = (
+        getattr(value, "__module__", None) or "",
+        getattr(value, "__qualname__", None) or "",
+    )
     if module.split(".")[0] not in ("builtins", "jaxlib", __package__):
         raise NotDescribed
     try:

@@ -1,4 +1,4 @@
-"""Primitives of our own, and their rules for derivatives: the place that uses JAX's internals."""
+"""JAX primitives of jaxgel and their derivative rules; the only module with JAX's internals."""
 
 import functools
 from collections.abc import Callable
@@ -13,20 +13,32 @@ try:
     from jax._src import config, mesh
 
     UNSET = config.config_ext.unset
-    MESH = (mesh if hasattr(mesh, "abstract_mesh_context_manager") else config).abstract_mesh_context_manager
+    MESH = (
+        mesh if hasattr(mesh, "abstract_mesh_context_manager") else config
+    ).abstract_mesh_context_manager
 except (ImportError, AttributeError):  # a later version of JAX
     MESH = UNSET = None
 
 
 def primitive(
-    name: str, *, value: Callable, traced: Callable, shapes: Callable, jvp: Callable, transpose: Callable, batch: Callable, several: bool
+    name: str,
+    *,
+    value: Callable,
+    traced: Callable,
+    shapes: Callable,
+    jvp: Callable,
+    transpose: Callable,
+    batch: Callable,
+    several: bool,
 ) -> Primitive:
     """A primitive called ``name`` with one result, or ``several`` in a list.
 
-    Of its arguments and parameters ``value`` makes the results outside of ``jax.jit`` and ``traced`` inside, ``shapes`` their shapes;
-    ``jvp(args, tangents, **parameters)`` results and tangents; ``transpose(cotangents, args, **parameters)`` the cotangents of the
-    arguments in which it is linear, which are None among ``args``; ``batch`` is a rule of ``jax.interpreters.batching``, with None for
-    what is not mapped. None stands for tangents and cotangents that are 0.
+    Of its arguments and parameters ``value`` makes the results outside of ``jax.jit`` and
+    ``traced`` inside, ``shapes`` their shapes; ``jvp(args, tangents, **parameters)`` results and
+    tangents; ``transpose(cotangents, args, **parameters)`` the cotangents of the arguments in which
+    it is linear, which are None among ``args``; ``batch`` is a rule of
+    ``jax.interpreters.batching``, with None for what is not mapped. None stands for tangents and
+    cotangents that are 0.
     """
     made = Primitive(name)
     made.multiple_results = several
@@ -34,14 +46,27 @@ def primitive(
     made.def_abstract_eval(shapes)
 
     def tangents(primals: Any, dots: Any, **parameters: Any) -> tuple[Any, Any]:
-        found, changes = jvp(primals, [None if type(dot) is ad.Zero else dot for dot in dots], **parameters)
+        found, changes = jvp(
+            primals, [None if type(dot) is ad.Zero else dot for dot in dots], **parameters
+        )
         pairs = zip(found, changes, strict=True) if several else ((found, changes),)
-        changes = [ad.Zero(jax.typeof(value).to_tangent_aval()) if change is None else change for value, change in pairs]
+        changes = [
+            ad.Zero(jax.typeof(value).to_tangent_aval()) if change is None else change
+            for value, change in pairs
+        ]
         return found, changes if several else changes[0]
 
     def cotangents(given: Any, *args: Any, **parameters: Any) -> Any:
-        given = [None if type(one) is ad.Zero else one for one in given] if several else None if type(given) is ad.Zero else given
-        return transpose(given, [None if ad.is_undefined_primal(arg) else arg for arg in args], **parameters)
+        given = (
+            [None if type(one) is ad.Zero else one for one in given]
+            if several
+            else None
+            if type(given) is ad.Zero
+            else given
+        )
+        return transpose(
+            given, [None if ad.is_undefined_primal(arg) else arg for arg in args], **parameters
+        )
 
     ad.primitive_jvps[made] = tangents
     ad.primitive_transposes[made] = cotangents
@@ -51,8 +76,10 @@ def primitive(
 
 
 def _outside_of_reverse(value):
-    """``value``, which uses the programs of plain calls in a reverse pass, too: there JAX (0.10 to 0.12) sets an empty mesh in place of
-    none, and ``jax.jit`` compiles again for another mesh.
+    """``value`` with the programs of plain calls in a reverse pass, too.
+
+    There JAX (0.10 to 0.12) sets an empty mesh in place of none, and ``jax.jit`` compiles again for
+    another mesh.
     """
     if MESH is None:
         return value

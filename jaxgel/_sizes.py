@@ -1,8 +1,10 @@
 """Sizes of the arrays that compiled programs take.
 
-A program serves arrays of one size only, and what a plate needs is compiled again for every other number of nodes or points. So arrays are
-padded to a ladder of sizes, inertly, and what comes out is cut: plates of similar size share their programs. Padding, cutting, picking rows
-and multiplying by sparse matrices are linear maps that NumPy computes, also inside derivatives, so that nothing is compiled for them.
+A program serves arrays of one size only, and what a plate needs is compiled again for every other
+number of nodes or points. So arrays are padded to a ladder of sizes, inertly, and what comes out is
+cut: plates of similar size share their programs. Padding, cutting, picking rows and multiplying by
+sparse matrices are linear maps that NumPy computes, also inside derivatives, so that nothing is
+compiled for them.
 """
 
 import dataclasses
@@ -21,11 +23,13 @@ from ._primitives import primitive
 from ._tracing import is_traced
 from ._types import Array, Float, Int
 
-ROWS = 2048  # times a power of 2 rows are evaluated together where each takes little time
+ROWS = 2048  # times a power of 2 rows are evaluated together if each takes little time
 
 
 def rung(count: int, steps: int = 2) -> int:
-    """Least size that holds ``count``: of 1, 2, ... ``steps``, and from there on of ``steps`` equal parts of every doubling.
+    """Least size that holds ``count``: of 1, 2, ...
+
+    ``steps``, and from there on of ``steps`` equal parts of every doubling.
 
     >>> [rung(n) for n in (1, 5, 7, 900, 1100)], rung(900, steps=4)
     ([1, 6, 8, 1024, 1536], 1024)
@@ -37,7 +41,10 @@ def rung(count: int, steps: int = 2) -> int:
 
 
 def step(count: int, sizes: tuple[int, ...]) -> int:
-    """Least of the ascending ``sizes`` that holds ``count``, and beyond them a `rung` of 4 to a doubling."""
+    """Least of the ascending ``sizes`` that holds ``count``; beyond them a `rung`.
+
+    Each doubling has 4 of these.
+    """
     return next((size for size in sizes if size >= count), rung(count, 4))
 
 
@@ -47,10 +54,11 @@ def padded(values: Array, count: int) -> Any:
 
 
 def resized(values: Array, shape: tuple[int, ...], *, edge: bool = False) -> Any:
-    """An array of another ``shape`` with the same first corner: cut along some axes, zeros along others.
+    """An array of another ``shape`` with the same first corner, cut or padded with zeros.
 
-    With ``edge`` the last values are repeated instead, and what is cut off is added to the last that stays. Both are linear, and the
-    reverse of either is the same back to the shape of the values.
+    With ``edge`` the last values are repeated instead, and what is cut off is added to the last
+    that stays. Both are linear, and the reverse of either is the same back to the shape of the
+    values.
     """
     if values.shape == shape:
         return values
@@ -60,12 +68,20 @@ def resized(values: Array, shape: tuple[int, ...], *, edge: bool = False) -> Any
 
 def taken(values: Array, numbers: Int[np.ndarray, "..."]) -> Any:
     """The rows of an array with these ``numbers``."""
-    return _taken.bind(values, rows=_Rows(numbers, len(values))) if is_traced(values) else np.asarray(values)[numbers]
+    return (
+        _taken.bind(values, rows=_Rows(numbers, len(values)))
+        if is_traced(values)
+        else np.asarray(values)[numbers]
+    )
 
 
 def joined(parts: list[Array]) -> Any:
     """The rows of several arrays, one after the other."""
-    return _joined.bind(*parts, counts=tuple(map(len, parts))) if is_traced(parts) else np.concatenate(parts)
+    return (
+        _joined.bind(*parts, counts=tuple(map(len, parts)))
+        if is_traced(parts)
+        else np.concatenate(parts)
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,16 +101,25 @@ class Matrices:
 
 def multiplied(values: Float[Array, "q k"], matrices: Matrices) -> Any:
     """The products (p, k) of the ``matrices``, one for each column of the ``values``."""
-    return _multiplied.bind(values, matrices=matrices) if is_traced(values) else _multiply(values, matrices=matrices)
+    return (
+        _multiplied.bind(values, matrices=matrices)
+        if is_traced(values)
+        else _multiply(values, matrices=matrices)
+    )
 
 
 def at_numbers(program: Callable[..., Array], owner: Any, rows: np.ndarray) -> np.ndarray:
-    """Values, NumPy, of ``program(owner, rows)``, which maps each row to one, at rows that are numbers; also inside traces."""
+    """Values, NumPy, of ``program(owner, rows)`` at concrete rows; also inside traces.
+
+    It maps each row to one.
+    """
     with jax.ensure_compile_time_eval():
-        return np.asarray(program(owner, padded(rows, ROWS * rung(-(-len(rows) // ROWS), 1))))[: len(rows)]
+        return np.asarray(program(owner, padded(rows, ROWS * rung(-(-len(rows) // ROWS), 1))))[
+            : len(rows)
+        ]
 
 
-# --- the linear maps ---------------------------------------------------------------------------------------------------------
+# --- the linear maps ------------------------------------------------------------------------------
 
 
 def _resize(values, *, own, shape, edge):
@@ -144,7 +169,8 @@ def _take(values, *, rows):
 def _add(values, *, rows):
     width = math.prod(values.shape[rows.numbers.ndim :])  # not -1, which no rows leave open
     columns, numbers = np.asarray(values).reshape(rows.numbers.size, width).T, rows.numbers.ravel()
-    sums = [np.bincount(numbers, column, minlength=rows.count).astype(float) for column in columns]  # whole numbers of no rows
+    # whole numbers of no rows
+    sums = [np.bincount(numbers, column, minlength=rows.count).astype(float) for column in columns]
     return np.stack(sums, axis=1).reshape(rows.count, *values.shape[rows.numbers.ndim :])
 
 
@@ -191,19 +217,30 @@ _taken = _linear(
 _added = _linear(
     "added",
     _add,
-    lambda values, rows: jnp.zeros((rows.count, *values.shape[rows.numbers.ndim :])).at[rows.numbers].add(values),
+    lambda values, rows: (
+        jnp.zeros((rows.count, *values.shape[rows.numbers.ndim :])).at[rows.numbers].add(values)
+    ),
     lambda own, rows: (rows.count, *own[rows.numbers.ndim :]),
     lambda cotangent, rows: _taken.bind(cotangent, rows=rows),
 )
 
 
 def _multiply(values, *, matrices):
-    return np.stack([matrix @ column for matrix, column in zip(matrices.columns, np.asarray(values).T, strict=True)], axis=1)
+    return np.stack(
+        [
+            matrix @ column
+            for matrix, column in zip(matrices.columns, np.asarray(values).T, strict=True)
+        ],
+        axis=1,
+    )
 
 
 def _multiply_by_jax(values, *, matrices):
     entries = [matrix.tocoo() for matrix in matrices.columns]
-    sums = [jnp.zeros(m.shape[0]).at[m.row].add(m.data * column[m.col]) for m, column in zip(entries, values.T, strict=True)]
+    sums = [
+        jnp.zeros(m.shape[0]).at[m.row].add(m.data * column[m.col])
+        for m, column in zip(entries, values.T, strict=True)
+    ]
     return jnp.stack(sums, axis=1)
 
 
@@ -217,18 +254,29 @@ _multiplied = _linear(
 
 
 def _join_jvp(parts, dots, *, counts):
-    dots = [np.zeros(part.shape, part.dtype) if dot is None else dot for part, dot in zip(parts, dots, strict=True)]
+    dots = [
+        np.zeros(part.shape, part.dtype) if dot is None else dot
+        for part, dot in zip(parts, dots, strict=True)
+    ]
     return _joined.bind(*parts, counts=counts), _joined.bind(*dots, counts=counts)
 
 
 def _join_transpose(cotangent, _, *, counts):
     ends = np.cumsum([0, *counts])
-    return [None if cotangent is None else taken(cotangent, np.arange(first, end)) for first, end in itertools.pairwise(ends)]
+    return [
+        None if cotangent is None else taken(cotangent, np.arange(first, end))
+        for first, end in itertools.pairwise(ends)
+    ]
 
 
 def _join_batch(parts, axes, **_):
-    size = next(part.shape[axis] for part, axis in zip(parts, axes, strict=True) if axis is not None)
-    moved = [jnp.repeat(p[None], size, axis=0) if a is None else jnp.moveaxis(p, a, 0) for p, a in zip(parts, axes, strict=True)]
+    size = next(
+        part.shape[axis] for part, axis in zip(parts, axes, strict=True) if axis is not None
+    )
+    moved = [
+        jnp.repeat(p[None], size, axis=0) if a is None else jnp.moveaxis(p, a, 0)
+        for p, a in zip(parts, axes, strict=True)
+    ]
     return jnp.concatenate(moved, axis=1), 0
 
 

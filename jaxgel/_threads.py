@@ -6,15 +6,21 @@ import os
 
 from threadpoolctl import ThreadpoolController
 
-ONE_THREAD = 20_000  # unknowns up to which BLAS uses one thread: their fronts are too small for several
+# unknowns up to which BLAS uses one thread: their fronts are too small for several
+ONE_THREAD = 20_000
 
 
 def few_threads(unknowns: int) -> contextlib.AbstractContextManager:
-    """Context in which BLAS uses one thread where the ``unknowns`` are few.
+    """Context in which BLAS uses one thread if the ``unknowns`` are few.
 
-    A sweep stays within it: BLAS threads that are released after every front or product spin on a core each until the next one.
+    A sweep stays within it: BLAS threads that are released after every front or product spin on a
+    core each until the next one.
     """
-    return _thread_pools().limit(limits=1, user_api="blas") if unknowns <= ONE_THREAD else contextlib.nullcontext()
+    return (
+        _thread_pools().limit(limits=1, user_api="blas")
+        if unknowns <= ONE_THREAD
+        else contextlib.nullcontext()
+    )
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""Whether JAX is differentiating, so that arrays have no numbers to look at."""
+"""Test for tracing: arrays without numerical values while JAX differentiates."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,8 @@
 """Types of arguments and fields: arrays with their shapes, as in ``Float[Array, "n 2"]``.
 
-Letters of shapes: ``n`` nodes, ``k`` states, ``f`` free degrees of freedom, ``c`` cells, ``q`` quadrature points of a cell, ``p`` points,
-``a`` nodes of a cell, ``g`` volume groups, ``m`` modes, ``w`` modes that are followed, ``v`` vertices, ``t`` triangles.
+Letters of shapes: ``n`` nodes, ``k`` states, ``f`` free degrees of freedom, ``c`` cells, ``q``
+quadrature points of a cell, ``p`` points, ``a`` nodes of a cell, ``g`` volume groups, ``m`` modes,
+``w`` modes that are followed, ``v`` vertices, ``t`` triangles.
 """
 
 import jax
@@ -13,6 +14,11 @@ Array = jax.Array | np.ndarray
 Scalar = float | int | np.number | Float[Array, ""] | Int[Array, ""]
 """A real number: of Python, NumPy or JAX."""
 Chemical = Scalar | Float[Array, " g"]
-"""Chemical potential, kT, of all volume groups or of each; as the value of a control that is the chemical potential, too."""
+"""Chemical potential, kT, of all volume groups or of each.
 
-__all__ = ["Array", "Bool", "Chemical", "Complex", "Float", "Inexact", "Int", "Num", "Scalar", "Shaped"]
+As the value of a control that is the chemical potential, too.
+"""
+
+__all__ = [
+    "Array", "Bool", "Chemical", "Complex", "Float", "Inexact", "Int", "Num", "Scalar", "Shaped",
+]  # fmt: skip

@@ -11,12 +11,16 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
-# before anything imports NumPy or JAX: the test processes share the cores, and what one of them has compiled
+# before anything imports NumPy or JAX: the test processes share the cores, and what one of them has
+# compiled
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".cache" / "jax"))
+os.environ.setdefault(
+    "JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".cache" / "jax")
+)
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA mistakes its own tuning flags for missing processor features in that cache
+# XLA mistakes its own tuning flags for missing processor features in that cache
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 os.environ["MPLBACKEND"] = "Agg"
 
 if os.environ.get("JAXGEL_CHECK_SHAPES", "0") != "0":  # before jaxgel is imported
@@ -27,7 +31,8 @@ if os.environ.get("JAXGEL_CHECK_SHAPES", "0") != "0":  # before jaxgel is import
 
 from jaxgel.cli.environment import quick_flags
 
-# read when the first program is compiled: most tests compile more than they compute, and a program in parts is more work
+# read when the first program is compiled: most tests compile more than they compute, and a program
+# in parts is more work
 os.environ.setdefault(
     "XLA_FLAGS",
     " ".join(
@@ -47,26 +52,29 @@ from jaxgel.cases import load_path
 from jaxgel.io import write_atomically
 
 ROOM = 4.5  # GiB that a test process may fill from one module to the next
-jaxgel._programs.CROWDED = 0.8  # of the mappings: programs let go are traced and loaded again, half of all in a test process
-MAPPINGS = 40_000  # of its memory: compiled programs take some each; Linux allows 65530, and a module adds some thousands
+# of the mappings: programs let go are traced and loaded again, half of all in a test process
+jaxgel._programs.CROWDED = 0.8
+# of its memory: compiled programs take some each; Linux allows 65530, and a module adds some
+# thousands
+MAPPINGS = 40_000
 
 
 def pytest_xdist_auto_num_workers(config):
-    """Workers of ``-n auto``: one per core, but each with 6 GiB, since compiled programs pile up in a test process."""
+    """Workers of ``-n auto``: one per core, each with 6 GiB for compiled programs."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return max(1, min(os.cpu_count() or 1, memory // (6 * 2**30)))
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """The how-to pages run with the slow tests: what they show is tested on smaller plates, too."""
+    """How-to and extension pages run with the slow tests; smaller plates test them, too."""
     for item in items:
-        if item.path.parent.name == "howto":
+        if item.path.parent.name in ("howto", "extend"):
             item.add_marker("slow")
 
 
 def pytest_collection_finish():
-    """Python's collector leaves alone what was imported, and comes less often: tracing makes many objects."""
+    """Python's collector skips imported objects and comes less often: tracing makes many."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
@@ -74,16 +82,18 @@ def pytest_collection_finish():
 
 @pytest.fixture(scope="session")
 def refused():
-    """Function that asserts of rows (*input, message) that ``attempt(*input)`` raises a ValueError of one line with the message.
+    """Function that asserts of rows (*input, message) a ValueError of one line.
 
-    Rows that fail are printed together. A message is a regular expression, or the text itself if it is ``literal``; with ``start`` the line
-    begins with it, with ``whole`` it is the line.
+    Raised by ``attempt(*input)``, with the message. Rows that fail are printed together. A message
+    is a regular expression, or the text itself if it is ``literal``; with ``start`` the line begins
+    with it, with ``whole`` it is the line.
     """
 
     def check(attempt, rows, *, literal=False, start=False, whole=False):
         faults = []
         for *given, message in rows:
-            pattern = f"{'^' * (start or whole)}(?:{re.escape(message) if literal else message}){'$' * whole}"
+            text = re.escape(message) if literal else message
+            pattern = f"{'^' * (start or whole)}(?:{text}){'$' * whole}"
             try:
                 made = attempt(*given)
             except ValueError as problem:
@@ -98,7 +108,10 @@ def refused():
 
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory):
-    """Folder of ``jaxgel run sample-1`` on a coarse cloud at four given mu, with figures; one run serves all test processes."""
+    """Folder of ``jaxgel run sample-1`` on a coarse cloud at four given mu, with figures.
+
+    One run serves all test processes.
+    """
     shared = tmp_path_factory.getbasetemp()
     shared = shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared
     folder, done = shared / "small-run" / "sample-1", shared / "small-run" / "exit-code"
@@ -109,7 +122,17 @@ def run_folder(tmp_path_factory):
         while not done.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
     else:
-        arguments = ["run", "sample-1", "--spacing", "1.1", "--steps", "4", "--out", str(folder), "--quiet"]
+        arguments = [
+            "run",
+            "sample-1",
+            "--spacing",
+            "1.1",
+            "--steps",
+            "4",
+            "--out",
+            str(folder),
+            "--quiet",
+        ]
         code = jaxgel.cli.main(arguments)
         write_atomically(done, lambda stream: stream.write(str(code).encode()))
     assert done.read_text() == "0"
@@ -124,22 +147,29 @@ def path(run_folder):
 
 @pytest.fixture(scope="session")
 def in_time():
-    """Path of a quarter of the tiny plate, with 39 nodes, that swells in two baths, a jump at the hole and a ramp that ends at 0.1."""
+    """Path of a quarter of the tiny plate, 39 nodes, in two baths: a jump and a ramp to 0.1."""
     plate = jaxgel.Plate(1.0, 1.0, [jaxgel.Circle((0.025, -0.05), 0.275)], edges={"top": "free"})
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.2, nodes_per_hole=8))
     baths = {0: -1.5, "top": jaxgel.Bath([-2.5, -1.5], times=[0.0, 0.1])}
     problem = jaxgel.Problem(model, jaxgel.Gel(1e-3, 0.1), contact=False)
-    return jaxgel.swell(problem, baths, jaxgel.TimeSteps(10.0, first=1e-3, per_decade=3), start=-3.0)
+    return jaxgel.swell(
+        problem, baths, jaxgel.TimeSteps(10.0, first=1e-3, per_decade=3), start=-3.0
+    )
 
 
 @pytest.fixture(scope="session")
 def cloud_of():
-    """Function: name of a sample -> its cloud at twice the paper's spacing, the lattice's and the square's at their own; made once."""
+    """Function: name of a sample -> its cloud at twice the paper's spacing; made once.
+
+    The lattice's and the square's are at their own spacing.
+    """
 
     @functools.cache
     def make(name):
         plate = jaxgel.sample(name)
-        return jaxgel.make_cloud(plate, spacing=plate.spacing * (1 if name in ("lattice", "square") else 2))
+        return jaxgel.make_cloud(
+            plate, spacing=plate.spacing * (1 if name in ("lattice", "square") else 2)
+        )
 
     return make
 
@@ -153,14 +183,25 @@ def coarse_model(cloud_of):
 @pytest.fixture(scope="session")
 def coarse_path(coarse_model):
     """Sample 1 with 321 nodes from the dry nodes to mu = -0.9178."""
-    return jaxgel.sweep(jaxgel.Problem(coarse_model, coarse_model.cloud.plate.gel), np.linspace(-4.9678, -0.9178, 10))
+    return jaxgel.sweep(
+        jaxgel.Problem(coarse_model, coarse_model.cloud.plate.gel),
+        np.linspace(-4.9678, -0.9178, 10),
+    )
 
 
 @pytest.fixture(scope="session")
 def tiny_plate():
     """A plate of 4 x 4 mm with one round hole, free at the top; its gel is that of the samples."""
     hole = jaxgel.Circle(centre=(0.1, -0.2), radius=1.1)
-    return jaxgel.Plate(4, 4, [hole], edges={"top": "free"}, spacing=0.5, nodes_per_hole=12, gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
+    return jaxgel.Plate(
+        4,
+        4,
+        [hole],
+        edges={"top": "free"},
+        spacing=0.5,
+        nodes_per_hole=12,
+        gel=jaxgel.Gel(Nv=1e-3, chi=1e-4),
+    )
 
 
 @pytest.fixture(scope="session")
@@ -171,12 +212,20 @@ def tiny_model(tiny_plate):
 
 @pytest.fixture(scope="session")
 def tilted_plate():
-    """A plate of 8 x 8 mm with one tilted ellipse: its core turns, and there is no bifurcation in the way.
+    """A plate of 8 x 8 mm with one tilted ellipse: its core turns without a bifurcation.
 
     Half as large it is the plate of the examples in docs/, which takes the same programs.
     """
     hole = jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)
-    return jaxgel.Plate(8, 8, [hole], spacing=1.2, nodes_per_hole=8, core=(3.2, 3.0), gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
+    return jaxgel.Plate(
+        8,
+        8,
+        [hole],
+        spacing=1.2,
+        nodes_per_hole=8,
+        core=(3.2, 3.0),
+        gel=jaxgel.Gel(Nv=1e-3, chi=1e-4),
+    )
 
 
 @pytest.fixture(scope="session")
@@ -200,26 +249,31 @@ def buckling_model(cloud_of):
 @pytest.fixture(scope="session")
 def buckling_point(buckling_model):
     """The bifurcation of ``buckling_model``."""
-    return jaxgel.critical_points(jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel), (-1.8, -1.5))[0]
+    return jaxgel.critical_points(
+        jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel), (-1.8, -1.5)
+    )[0]
 
 
 @pytest.fixture(scope="session")
 def pillars_model():
-    """Sample 4 with 101 nodes: its symmetric state buckles at mu = -1.07; 64 patches with a constant pressure."""
+    """Sample 4 with 101 nodes: it buckles at mu = -1.07; 64 constant pressure patches."""
     return jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("sample-4"), spacing=2.2))
 
 
 @pytest.fixture(scope="session")
 def pillars_point(pillars_model):
     """The bifurcation of ``pillars_model``."""
-    return jaxgel.critical_points(jaxgel.Problem(pillars_model, pillars_model.cloud.plate.gel), (-1.2, -1.0))[0]
+    return jaxgel.critical_points(
+        jaxgel.Problem(pillars_model, pillars_model.cloud.plate.gel), (-1.2, -1.0)
+    )[0]
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_compiled_programs():
-    """Programs that JAX keeps fill gigabytes over a whole run; the cache on disk has them for the next module.
+    """Programs that JAX keeps fill gigabytes over a whole run.
 
-    The C library keeps most of what is freed; unless it is told to give that back, every module from here on would begin without programs.
+    The cache on disk has them for the next module. The C library keeps most of what is freed;
+    unless it is told to give that back, every module from here on would begin without programs.
     """
     yield
     if _resident() > ROOM or _mappings() > MAPPINGS:
@@ -233,7 +287,11 @@ def _forget_compiled_programs():
 def _resident():
     """GiB that this process fills; without bound where the system does not tell."""
     file = Path("/proc/self/statm")
-    return int(file.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**30 if file.exists() else float("inf")
+    return (
+        int(file.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**30
+        if file.exists()
+        else float("inf")
+    )
 
 
 def _mappings():

@@ -1,13 +1,16 @@
-"""Exact wrinkling of gel layers on a rigid base: waves of a state that is uniform along x, by transfer of displacements and tractions.
+"""Exact wrinkling of gel layers on a rigid base, by transfer of displacements, tractions.
 
-Layers (h, Nv, chi), from the base up, are confined along x and out of plane and swell along y to F = diag(1, l) with the nominal stress 0:
-Nv (l - 1/l) + ln(1 - 1/l) + 1/l + chi/l^2 = mu. About it the nominal stress of a gradient H of displacements is
+Layers (h, Nv, chi), from the base up, are confined along x and out of plane and swell along y to
+F = diag(1, l) with the nominal stress 0: Nv (l - 1/l) + ln(1 - 1/l) + 1/l + chi/l^2 = mu. About it
+the nominal stress of a gradient H of displacements is
 
-    P = Nv H + p cof H + K (C : H) C,   C = cof F = diag(l, 1),   p = -Nv l,   K = 1/(l^2 (l - 1)) - 2 chi/l^3 + Nv/l^2 .
+    P = Nv H + p cof H + K (C : H) C,   C = cof F = diag(l, 1),   p = -Nv l,
+    K = 1/(l^2 (l - 1)) - 2 chi/l^3 + Nv/l^2 .
 
-With u = (i a, b) exp(ikx) and the tractions (i s, t) of planes of constant y its balance is z' = M z, z = (a, b, s, t). With
-(s, t) = S (a, b), S is the stiffness of what lies below; at the surface it is positive definite up to the onset, where det S = 0.
-Incremental theory as by Wu, Bouklas & Huang (2013), Int. J. Solids Struct. 50; SciPy, nothing of jaxgel.
+With u = (i a, b) exp(ikx) and the tractions (i s, t) of planes of constant y its balance is z' = M
+z, z = (a, b, s, t). With (s, t) = S (a, b), S is the stiffness of what lies below; at the surface
+it is positive definite up to the onset, where det S = 0. Incremental theory as by Wu, Bouklas &
+Huang (2013), Int. J. Solids Struct. 50; SciPy, nothing of jaxgel.
 """
 
 import numpy as np
@@ -20,7 +23,12 @@ LEAST, MOST = 1 + 1e-12, 50.0  # of the stretch
 
 def stretch(Nv, chi, mu):
     """Stretch l of a confined layer at ``mu``, kT."""
-    return brentq(lambda v: Nv * (v - 1 / v) + np.log1p(-1 / v) + 1 / v + chi / v**2 - mu, LEAST, MOST, xtol=1e-14)
+    return brentq(
+        lambda v: Nv * (v - 1 / v) + np.log1p(-1 / v) + 1 / v + chi / v**2 - mu,
+        LEAST,
+        MOST,
+        xtol=1e-14,
+    )
 
 
 def matrix(Nv, chi, mu, k):
@@ -29,22 +37,40 @@ def matrix(Nv, chi, mu, k):
     p, K = -Nv * v, 1 / (v**2 * (v - 1)) - 2 * chi / v**3 + Nv / v**2
     a, b, s, t = np.eye(4)
     slope_a, slope_b = (s + p * k * b) / Nv, (t + (p + K * v) * k * a) / (Nv + K)
-    return np.stack([slope_a, slope_b, k * ((Nv + K * v**2) * k * a - (p + K * v) * slope_b), k * (Nv * k * b - p * slope_a)])
+    return np.stack(
+        [
+            slope_a,
+            slope_b,
+            k * ((Nv + K * v**2) * k * a - (p + K * v) * slope_b),
+            k * (Nv * k * b - p * slope_a),
+        ]
+    )
 
 
 def surface_stiffness(layers, mu, k):
-    """Lowest eigenvalue of S at the surface, kT/v per mm; steps of kh <= 1, so that no exponential hides another."""
+    """Lowest eigenvalue of S at the surface, kT/v per mm.
+
+    Steps of kh <= 1, so that no exponential hides another.
+    """
     S = None
     for h, Nv, chi in layers:
         steps = max(1, int(np.ceil(k * h)))
-        uu, ut, tu, tt = expm(matrix(Nv, chi, mu, k) * h / steps).reshape(2, 2, 2, 2).swapaxes(1, 2).reshape(4, 2, 2)
+        uu, ut, tu, tt = (
+            expm(matrix(Nv, chi, mu, k) * h / steps)
+            .reshape(2, 2, 2, 2)
+            .swapaxes(1, 2)
+            .reshape(4, 2, 2)
+        )
         for _ in range(steps):
             S = tt @ np.linalg.inv(ut) if S is None else (tu + tt @ S) @ np.linalg.inv(uu + ut @ S)
     return np.linalg.eigvalsh(S)[0]
 
 
 def critical_mu(layers, k, mu):
-    """The first of the ascending ``mu`` at which the wave costs nothing, between two of them; the last one where there is none."""
+    """The first of the ascending ``mu`` at which the wave costs nothing, between two of them.
+
+    The last one where there is none.
+    """
     before = mu[0]
     for now in mu:
         if surface_stiffness(layers, now, k) < 0:
@@ -54,11 +80,13 @@ def critical_mu(layers, k, mu):
 
 
 def onset(layers, mu, wave_numbers):
-    """(mu, k) of the first wave to cost nothing, k between the first and last of the ascending ``wave_numbers``."""
+    """(mu, k) of the first neutral wave, k within the ascending ``wave_numbers``."""
     found = [critical_mu(layers, k, mu) for k in wave_numbers]
     at = int(np.argmin(found))
     near = wave_numbers[max(at - 1, 0)], wave_numbers[min(at + 1, len(found) - 1)]
-    best = minimize_scalar(lambda k: critical_mu(layers, k, mu), bounds=near, method="bounded", options={"xatol": 1e-3})
+    best = minimize_scalar(
+        lambda k: critical_mu(layers, k, mu), bounds=near, method="bounded", options={"xatol": 1e-3}
+    )
     return float(best.fun), float(best.x)
 
 

@@ -1,8 +1,9 @@
 """Run-time checks of jaxgel's annotations, shapes of arrays included, while its tests run.
 
-``install()`` before jaxgel is imported: from then on every function at the top of a module or class that has an annotation is checked
-by jaxtyping and beartype at each call, and a dataclass where it is made. A dataclass that JAX fills is left alone, since JAX puts
-placeholders and stacked arrays in its fields. Functions inside functions are left alone too: they are made anew at every call, which
+``install()`` before jaxgel is imported: from then on every function at the top of a module or class
+that has an annotation is checked by jaxtyping and beartype at each call, and a dataclass where it
+is made. A dataclass that JAX fills is left alone, since JAX puts placeholders and stacked arrays in
+its fields. Functions inside functions are left alone too: they are made anew at every call, which
 is why this is not jaxtyping's own import hook.
 """
 
@@ -26,7 +27,10 @@ def install():
 
 
 def checked(function):
-    """The function with its annotations checked at every call; what the function itself refuses is left to it."""
+    """The function with its annotations checked at every call.
+
+    What the function itself refuses is left to it.
+    """
     strict = jaxtyping.jaxtyped(function, typechecker=beartype(conf=CONFIGURATION))
 
     @functools.wraps(function)
@@ -41,7 +45,7 @@ def checked(function):
 
 
 def checked_class(made):
-    """The class; where it is a dataclass, its fields are checked wherever jaxgel or a test makes one."""
+    """The class; fields of a dataclass are checked wherever jaxgel or a test makes one."""
     if getattr(made, "_is_protocol", False):
         return typing.runtime_checkable(made)
     if not dataclasses.is_dataclass(made) or "__init__" not in made.__dict__:
@@ -78,9 +82,13 @@ class _Loader(importlib.machinery.SourceFileLoader):
     def source_to_code(self, data, path, *, _optimize=-1):
         tree = ast.parse(data, path)
         _decorate(tree.body)
-        after = 1 + max([-1, *(place for place, node in enumerate(tree.body[:2]) if _comes_first(node))])
+        after = 1 + max(
+            [-1, *(place for place, node in enumerate(tree.body[:2]) if _comes_first(node))]
+        )
         tree.body.insert(after, ast.parse("import shape_checks as _shape_checks").body[0])
-        return compile(ast.fix_missing_locations(tree), path, "exec", dont_inherit=True, optimize=_optimize)
+        return compile(
+            ast.fix_missing_locations(tree), path, "exec", dont_inherit=True, optimize=_optimize
+        )
 
 
 def _comes_first(node):
@@ -90,7 +98,7 @@ def _comes_first(node):
 
 
 def _decorate(body):
-    """Put the check next to each function, below what JAX adds, and above the decorators of each class."""
+    """Put the check next to functions, below JAX's wrappers, and above class decorators."""
     for node in body:
         if isinstance(node, ast.ClassDef):
             _decorate(node.body)
@@ -105,4 +113,6 @@ def _annotated(function):
 
 
 def _name(name, node):
-    return ast.copy_location(ast.Attribute(ast.Name("_shape_checks", ast.Load()), name, ast.Load()), node)
+    return ast.copy_location(
+        ast.Attribute(ast.Name("_shape_checks", ast.Load()), name, ast.Load()), node
+    )

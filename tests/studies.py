@@ -1,4 +1,7 @@
-"""Case files and studies that several tests share, each of one small plate, whose programs are compiled once; and what runs them."""
+"""Case files and studies of several tests, each of one small plate, and their runs.
+
+Programs are compiled once.
+"""
 
 import json
 import shutil
@@ -79,7 +82,10 @@ COARSE = changed(TINY, ("0.6666666666666666", "0.8"), ("nodes_per_hole = 12", "n
 
 
 def one_cloud(patch, without=()):
-    """Give all sweeps and verifications of designs one cloud; ValueError for a first semi-axis in the list ``without``."""
+    """Give all sweeps and verifications of designs one cloud.
+
+    ValueError for a first semi-axis in the list ``without``.
+    """
     make, made = DesignProblem.make_cloud, []
 
     def once(self, plate, spacing=None):
@@ -92,7 +98,10 @@ def one_cloud(patch, without=()):
 
 
 def interrupt(patch, sweep):
-    """Let Ctrl-C come in the sweep of a search with this number; the list of the vectors of all sweeps."""
+    """Let Ctrl-C come in the sweep of a search with this number.
+
+    The list of the vectors of all sweeps.
+    """
     forward, calls = search.Search._forward, []
 
     def interrupted(self, vector):
@@ -106,7 +115,7 @@ def interrupt(patch, sweep):
 
 
 def designed(text, folder, *, interrupted, sweep=3):
-    """Folder of ``jaxgel design`` of a study, at once or interrupted in this ``sweep`` and resumed."""
+    """Folder of ``jaxgel design`` of a study, at once or interrupted in ``sweep`` and resumed."""
     (folder / "small.toml").write_text(text)
     command = ["design", str(folder / "small.toml"), "--out", str(folder / "out"), "--quiet"]
     with pytest.MonkeyPatch.context() as patch:
@@ -114,7 +123,10 @@ def designed(text, folder, *, interrupted, sweep=3):
         if interrupted:
             interrupt(patch, sweep)
             assert cli.main(command) == 130
-            assert json.loads((folder / "out" / "design.json").read_text())["outcome"] == Outcome.INTERRUPTED
+            assert (
+                json.loads((folder / "out" / "design.json").read_text())["outcome"]
+                == Outcome.INTERRUPTED
+            )
             command = ["resume", str(folder / "out")]
         assert cli.main(command) == 0
     return folder / "out"
@@ -129,7 +141,7 @@ class Interrupted(Recorder):
 
 
 def killed(text, parent):
-    """The folder of a whole run of a case, next to it the folders ``after-k`` of the same run killed after k states, and its path."""
+    """Folder of a case's run, folders ``after-k`` killed after k states, and its path."""
     (parent / "case.toml").write_text(text)
     case = load_case(parent / "case.toml")
     recorder = Interrupted(parent / "whole", case, case.problem(case.model()))

@@ -1,4 +1,4 @@
-"""Facts about compiled functions under JAX's transformations: their derivatives, which are programs of their own."""
+"""Compiled functions under JAX's transformations: derivatives as programs of their own."""
 
 import jax
 import jax.numpy as jnp
@@ -38,7 +38,9 @@ def at_once(x):
     ],
 )
 def test_derivatives_of_every_kind_are_those_of_jax(transformed):
-    np.testing.assert_allclose(transformed(by_programs), transformed(at_once), rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(
+        transformed(by_programs), transformed(at_once), rtol=1e-14, atol=1e-14
+    )
 
 
 def test_a_reverse_pass_takes_only_the_results_that_are_asked_for():
@@ -55,6 +57,10 @@ def test_values_under_derivatives_are_found_by_the_program_that_finds_them_witho
     names = []
     wave(X + 1, Y, power=3)
     monitor = jax.monitoring.register_event_duration_secs_listener
-    monitor(lambda event, _, fun_name="", **__: names.append(fun_name) if "backend_compile" in event else None)
+    monitor(
+        lambda event, _, fun_name="", **__: (
+            names.append(fun_name) if "backend_compile" in event else None
+        )
+    )
     jax.value_and_grad(lambda x: wave(x, Y, power=3)[0].sum())(X)
     assert names and not any("wave" in name for name in names)

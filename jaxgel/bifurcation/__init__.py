@@ -1,5 +1,6 @@
-"""Bifurcations: critical points of a branch, folds, the branches that leave, further states, imperfections."""
+"""Bifurcations: critical points, branch switching, deflation, imperfections, barriers, loops."""
 
+from .._deprecated import old_names
 from .barriers import Barrier, barrier
 from .branches import continue_branch, switch_branch
 from .critical import critical_points, ends_of, located
@@ -27,3 +28,5 @@ __all__ = [
     "sweep_by_options",
     "switch_branch",
 ]
+
+__getattr__ = old_names(__name__)

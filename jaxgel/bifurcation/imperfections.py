@@ -1,4 +1,4 @@
-"""Imperfections: loads that push along a bifurcation's mode, and sweeps under them, as `SweepOptions` say for every command."""
+"""Imperfections: perturbation loads along the mode of a bifurcation, and sweeps under them."""
 
 from typing import Any
 
@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._deprecated import old_arguments
 from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import Inadmissible, check_kind, keywords_of
@@ -26,47 +27,101 @@ def problem_by_options(
     loads: Float[Array, "n 2"] | None = None,
     push: Float[Array, "n 2"] | None = None,
 ) -> Problem:
-    """The `Problem` of a model and a gel with the options' control and contact, under the ``loads`` and their imperfection, kT/v mm.
+    """The `Problem` of a model and a gel with the options' control, contact and ``loads``.
 
-    A load factor multiplies the loads, but not the imperfection, whose place ``push`` (n, 2), kT/v mm, takes. ValueError for an
-    imperfection if there is no bifurcation, or if model, gel or loads are traced: its load has no derivative.
+    Their imperfection, kT/v mm, is one of the loads. A load factor multiplies the loads, but not
+    the imperfection, whose place ``push`` (n, 2), kT/v mm, takes. ValueError for an imperfection if
+    there is no bifurcation, or if model, gel or loads are traced: its load has no derivative.
     """
     dead = None if CONTROLS[options.control].multiplies_loads else loads
-    problem = Problem(model, gel, loads=dead, control=options.driver(loads), contact=options.contact == "on")
+    contact = dict(contact=options.contact == "on", contact_range=options.contact_range)
+    problem = Problem(model, gel, loads=dead, control=options.driver(loads), **contact)
     push = _push(problem, options) if push is None else push
     return problem if push is None else problem.replace(loads=problem.loads + push)
 
 
-def sweep_by_options(problem: Problem, options: SweepOptions, *, values: Any = None, **keywords: Any) -> Path:
-    """`Path` of a problem along the options' branch, at their values or others, with further ``keywords`` of `sweep`."""
+def sweep_by_options(
+    problem: Problem, options: SweepOptions, *, values: Any = None, **keywords: Any
+) -> Path:
+    """`Path` of a problem along the options' branch, with further ``keywords`` of `sweep`.
+
+    Its values are the options' or others.
+    """
     values = options.values if values is None else values
-    return sweep(problem, values, until_contact=options.contact == "stop", **keywords_of(options, "sweep"), **keywords)
+    return sweep(
+        problem,
+        values,
+        until_contact=options.contact == "stop",
+        **keywords_of(options, "sweep"),
+        **keywords,
+    )
 
 
 def _push(problem, options):
-    """Nodal forces of the options' imperfection along the first bifurcation of a problem, kT/v mm; None where it is 0."""
+    """Nodal forces of the options' imperfection along the first bifurcation of a problem, kT/v mm.
+
+    None if it is 0.
+    """
     if not options.imperfection:
         return None
     if is_traced(problem):
-        raise ValueError(f"sweep.imperfection: {options.imperfection:g} is not accepted here, as its load has no derivative; leave it out")
-    points = [point for point in critical_points(problem, options.ends, most=1) if point.kind == "bifurcation"]
+        raise ValueError(
+            f"sweep.imperfection: {options.imperfection:g} is not accepted here, as its load has "
+            "no derivative; leave it out"
+        )
+    points = [
+        point
+        for point in critical_points(problem, options.ends, most=1)
+        if point.kind == "bifurcation"
+    ]
     if not points:
-        raise Inadmissible(f"sweep.imperfection: {options.imperfection:g} has no mode to push along, the branch does not bifurcate")
+        raise Inadmissible(
+            f"sweep.imperfection: {options.imperfection:g} has no mode to push along, the branch "
+            "does not bifurcate"
+        )
     return imperfection(problem, points[0], options.imperfection)
 
 
+@old_arguments
 def imperfection(
-    problem: Problem, point: CriticalPoint, size: float, *, direction: Float[Array, " m"] | None = None
+    problem: Problem,
+    point: CriticalPoint,
+    size: float,
+    *,
+    direction: Float[Array, " m"] | None = None,
 ) -> Float[Array, "n 2"]:
-    """Dead nodal loads, kT/v mm, that push along a bifurcation's mode: a sweep under them buckles without a bifurcation.
+    """Dead nodal loads (n, 2), kT/v mm, along a mode: a sweep under them has no bifurcation there.
 
-    ``size`` is the largest displacement, in node spacings, that they would cause in the dry network alone; its sign chooses the side.
+    Arguments:
+
+    - `problem`: the `Problem`.
+    - `point`: the bifurcation, a `CriticalPoint` of `critical_points`.
+    - `size`: largest displacement, in node spacings, that the loads cause in the dry network alone;
+      its sign chooses the side.
+    - `direction` (m,): combination of the modes of a multiple bifurcation, dimensionless; the first
+      mode by default.
+
+    Returns the loads, to be given as `Problem(..., loads=loads)`.
+
+    Raises `ValueError` if `point` is no `CriticalPoint`, and for a traced problem.
+
+    See docs/howto/bifurcation.md.
     """
-    check_kind("point", point, CriticalPoint, "a CriticalPoint, one of those that critical_points returns")
+    check_kind(
+        "point", point, CriticalPoint, "a CriticalPoint, one of those that critical_points returns"
+    )
     check_untraced("imperfection", problem)
     analysis = StabilityAnalysis(problem.prepared)
-    direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
+    direction = (
+        np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
+    )
     mode, free = np.tensordot(direction, point.modes, 1), analysis.problem.free
-    force = analysis.stiffness @ restrict(mode, free) * (size * problem.model.cloud.spacing / np.linalg.norm(mode, axis=1).max())
-    (loads,) = jax.linear_transpose(lambda field: restrict(field, free), jnp.asarray(mode))(jnp.asarray(force))
+    force = (
+        analysis.stiffness
+        @ restrict(mode, free)
+        * (size * problem.model.cloud.spacing / np.linalg.norm(mode, axis=1).max())
+    )
+    (loads,) = jax.linear_transpose(lambda field: restrict(field, free), jnp.asarray(mode))(
+        jnp.asarray(force)
+    )
     return loads  # one node takes the force of nodes that move together

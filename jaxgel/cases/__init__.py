@@ -1,4 +1,4 @@
-"""Cases and studies in TOML files: plates with their gel and options, design studies, parameter maps, interrupted runs."""
+"""Cases and studies in TOML files: plates, gels, options, parameter maps, interrupted runs."""
 
 from .case import Case, from_table, load_case
 from .error_bars import accuracy_of, point_accuracy_of, slope_accuracy_of
@@ -14,7 +14,13 @@ from .sensitivities import Sensitivity, map_sensitivity, sensitivity
 from .study import Study, load_study, study_from_table
 from .study_runs import OPTIMA, VERIFIED, draw_starts, resumed_study, run_study
 from .toml import case_text, example, explicit
-from .uncertain import UncertainInput, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
+from .uncertain import (
+    UncertainInput,
+    sampled_deviations,
+    uncertain_inputs,
+    uncertain_samples,
+    uncertainty_of,
+)
 
 __all__ = [
     "DIFFERENTIABLE",

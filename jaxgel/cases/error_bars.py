@@ -1,4 +1,4 @@
-"""Error bars of a case's numbers, of their derivatives and of its critical points: the same states on other clouds."""
+"""Error bars of a case's numbers, derivatives and critical points from states on other clouds."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -14,11 +14,16 @@ from .case import Case
 from .uncertain import uncertain_inputs, uncertainty_of
 
 POINTS = ("onset", "fold_up", "fold_down", "loop_width")
-"""Values of the control that get error bars: the first critical point, the folds of the loop and how far they are apart."""
+"""Control values with error bars: the first critical point, the folds, and the loop's width."""
 
 
-def accuracy_of(case: Case, path: Path, *, quantities: Sequence[str] = ACCURACY, observer: Observer = UNOBSERVED) -> Accuracy:
-    """`verification.accuracy` of a case's ``path``: its values of the control, or its times, on coarser and finer clouds."""
+def accuracy_of(
+    case: Case, path: Path, *, quantities: Sequence[str] = ACCURACY, observer: Observer = UNOBSERVED
+) -> Accuracy:
+    """`verification.accuracy` of a case's ``path``, on coarser and finer clouds.
+
+    The values are those of the control, or times.
+    """
     cloud, values = path.model.cloud, np.asarray(path.value).tolist()
     own = cloud.topology.spacing
 
@@ -27,18 +32,24 @@ def accuracy_of(case: Case, path: Path, *, quantities: Sequence[str] = ACCURACY,
             return path
         other = dataclasses.replace(case, discretisation=case.discretisation.scaled(cloud, spacing))
         if case.time is not None:
-            times = dataclasses.replace(case.time, end=None, steps_per_decade=None, first=None, times=tuple(values[1:]))
+            times = dataclasses.replace(
+                case.time, end=None, steps_per_decade=None, first=None, times=tuple(values[1:])
+            )
             return dataclasses.replace(other, time=times).path(other.model(), observer=observer)
-        return sweep_by_options(other.problem(other.model()), case.sweep, values=values, observer=observer)
+        return sweep_by_options(
+            other.problem(other.model()), case.sweep, values=values, observer=observer
+        )
 
     return accuracy(path_at, own, quantities=quantities)
 
 
-def slope_accuracy_of(case: Case, names: Sequence[str], quantities: Sequence[str]) -> dict[tuple[str, str], ErrorBars]:
-    """(quantity, input) -> `verification.ErrorBars` (1,) of the derivative of the quantity at the case's last state.
+def slope_accuracy_of(
+    case: Case, names: Sequence[str], quantities: Sequence[str]
+) -> dict[tuple[str, str], ErrorBars]:
+    """(quantity, input) -> `verification.ErrorBars` (1,) of its derivative at the last state.
 
-    ``names`` are inputs as in the section ``uncertainty``; derivatives by angles in degrees are per degree. ValueError as of
-    `uncertain.uncertainty_of`.
+    ``names`` are inputs as in the section ``uncertainty``; derivatives by angles in degrees are per
+    degree. ValueError as of `uncertain.uncertainty_of`.
     """
     inputs, cloud = uncertain_inputs(case, dict.fromkeys(names, 1.0)), case.cloud()
     nodes = {}
@@ -49,7 +60,10 @@ def slope_accuracy_of(case: Case, names: Sequence[str], quantities: Sequence[str
         return uncertainty_of(other, inputs, quantities)
 
     found = on_clouds(slopes_at, cloud.topology.plate, cloud.topology.spacing)
-    sizes, own = np.array([nodes[h] ** -0.5 for h in found]), list(found).index(cloud.topology.spacing)
+    sizes, own = (
+        np.array([nodes[h] ** -0.5 for h in found]),
+        list(found).index(cloud.topology.spacing),
+    )
     slopes = np.array([one.slopes for one in found.values()])
     first = found[cloud.topology.spacing]
     return {
@@ -59,11 +73,13 @@ def slope_accuracy_of(case: Case, names: Sequence[str], quantities: Sequence[str
     }
 
 
-def point_accuracy_of(case: Case, names: Sequence[str], *, observer: Observer = UNOBSERVED) -> dict[str, ErrorBars]:
-    """Name -> `verification.ErrorBars` (1,) of critical points of a case between the ends of its sweep, in the unit of its control.
+def point_accuracy_of(
+    case: Case, names: Sequence[str], *, observer: Observer = UNOBSERVED
+) -> dict[str, ErrorBars]:
+    """Name -> `verification.ErrorBars` (1,) of a case's critical points, in the control's unit.
 
-    ``names`` are of `POINTS`; nan on clouds whose gel has no such point. ValueError for another name, and as of `Case.critical_points` and
-    `Case.loop`.
+    They lie between the ends of its sweep. ``names`` are of `POINTS`; nan on clouds whose gel has
+    no such point. ValueError for another name, and as of `Case.critical_points` and `Case.loop`.
     """
     for name in names:
         one_of("points", name, POINTS)
@@ -78,9 +94,17 @@ def point_accuracy_of(case: Case, names: Sequence[str], *, observer: Observer = 
         found = {"onset": first[0].value if first else None}
         if loop is not None:
             folds = {name: getattr(loop, name) for name in ("fold_up", "fold_down")}
-            found |= {name: None if fold is None else fold.value for name, fold in folds.items()} | {"loop_width": loop.width}
+            found |= {
+                name: None if fold is None else fold.value for name, fold in folds.items()
+            } | {"loop_width": loop.width}
         return [np.nan if found[name] is None else float(found[name]) for name in names]
 
     found = on_clouds(points_at, cloud.topology.plate, cloud.topology.spacing)
-    sizes, own = np.array([nodes[h] ** -0.5 for h in found]), list(found).index(cloud.topology.spacing)
-    return {name: error_bars(sizes, column[:, None], own) for name, column in zip(names, np.array(list(found.values())).T, strict=True)}
+    sizes, own = (
+        np.array([nodes[h] ** -0.5 for h in found]),
+        list(found).index(cloud.topology.spacing),
+    )
+    return {
+        name: error_bars(sizes, column[:, None], own)
+        for name, column in zip(names, np.array(list(found.values())).T, strict=True)
+    }

@@ -1,14 +1,15 @@
 """Runs of a parameter map: one sweep at each of its points, on any ``concurrent.futures.Executor``.
 
-Its folder holds map.json (the study and its points), points.csv (one row for each point that has ended), problem.json (the
-parameters as SALib describes them, see `salib`) and a folder for each point in the format of a run, 0000, 0001 ..., with
-point.json (its row) once it has ended; jaxgel plot draws one of them. All points share the cloud of the study's own plate,
-placed on their holes, and with it all compiled programs: put the case in the middle of its parameters' range. A point too far
-away for that, where outlines move by more than about a third of the spacing, gets a cloud of its own, and costs its
-compilation and about 0.2 GB of memory for programs.
+Its folder holds map.json (the study and its points), points.csv (one row for each point that has
+ended), problem.json (the parameters as SALib describes them, see `salib`) and a folder for each
+point in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended; jaxgel
+plot draws one of them. All points share the cloud of the study's own plate, placed on their holes,
+and with it all compiled programs: put the case in the middle of its parameters' range. A point too
+far away for that, if outlines move by more than about a third of the spacing, gets a cloud of its
+own, and costs its compilation and about 0.2 GB of memory for programs.
 
-Processes of a cluster, of MPI or Dask, must see the folder; let each use one thread (OMP_NUM_THREADS=1, NPROC=1; a
-gradient needs two).
+Processes of a cluster, of MPI or Dask, must have access to the folder; let each use one thread
+(OMP_NUM_THREADS=1, NPROC=1; a gradient needs two).
 """
 
 import concurrent.futures
@@ -22,7 +23,16 @@ from typing import Any
 
 from ..continuation import Path
 from ..equilibrium import Observer
-from ..io import Recorder, failure, one_line, open_folder, read_record, run_calls, write_csv, write_json
+from ..io import (
+    Recorder,
+    failure,
+    one_line,
+    open_folder,
+    read_record,
+    run_calls,
+    write_csv,
+    write_json,
+)
 from ..observables import COLUMNS
 from .parameter_map import FORMAT, MAP, MapStudy, map_from_table, resumed_map
 from .parameters import components
@@ -31,18 +41,26 @@ from .resume import path_of
 from .salib import PROBLEM, salib_problem
 
 POINT, TABLE = "point.json", "points.csv"
-LAST = COLUMNS[COLUMNS.index("energy") :]  # columns of history.csv of which points.csv has the last state's
+# columns of history.csv of which points.csv has the last state's
+LAST = COLUMNS[COLUMNS.index("energy") :]
 
 
 def run_map(
-    study: MapStudy, folder: File | str, executor: concurrent.futures.Executor, *, resume: bool = False, quiet: bool = True
+    study: MapStudy,
+    folder: File | str,
+    executor: concurrent.futures.Executor,
+    *,
+    resume: bool = False,
+    quiet: bool = True,
 ) -> list[dict[str, Any]]:
-    """Run the points of a `MapStudy` on an executor and write its folder; the list of rows of points.csv, dicts, by point.
+    """Run the points of a `MapStudy` on an executor and write its folder.
 
-    Points that have ended, complete, stopped early or failed, are not run again; ``resume`` says that there may be such. A call that
-    ends with an exception was lost by the executor, as a point's own are in its row: it is submitted again, and after `TRIES` times
-    the point's row says "lost". Ctrl-C (KeyboardInterrupt) ends the calls under way and leaves what has ended. ValueError for
-    a study whose plate cannot be discretised, and for a folder with another map, or with this one if not resumed.
+    The list of rows of points.csv, dicts, by point. Points that have ended, complete, stopped early
+    or failed, are not run again; ``resume`` says that there may be such. A call that ends with an
+    exception was lost by the executor, as a point's own are in its row: it is submitted again, and
+    after `TRIES` times the point's row says "lost". Ctrl-C (KeyboardInterrupt) ends the calls under
+    way and leaves what has ended. ValueError for a study whose plate cannot be discretised, and for
+    a folder with another map, or with this one if not resumed.
     """
     study.case.cloud()
     folder = open_folder(folder)
@@ -60,14 +78,17 @@ def run_map(
     def write(rows):
         _write_table(study, rows, folder)
 
-    rows = run_calls(run_point, calls, executor, ended=ended, lost=lost, write=write, unit="point", quiet=quiet)
+    rows = run_calls(
+        run_point, calls, executor, ended=ended, lost=lost, write=write, unit="point", quiet=quiet
+    )
     return [rows[k] for k in sorted(rows)]
 
 
 def run_point(text: str, values: dict, folder: str) -> dict:
-    """Sweep one point, write its folder and return its row, a dict; what goes wrong in the point itself is part of the row.
+    """Sweep one point, write its folder and return its row, a dict.
 
-    ``text`` is JSON with the study's name and table, ``values`` a point. For an executor's processes.
+    What goes wrong in the point itself is part of the row. ``text`` is JSON with the study's name
+    and table, ``values`` a point. For an executor's processes.
     """
     study, cloud = _prepared(text)
     began, recorder, steps, place = time.perf_counter(), None, [], open_folder(folder)
@@ -91,7 +112,13 @@ def run_point(text: str, values: dict, folder: str) -> dict:
         status, reason = "failed", failure(problem, place)
     if recorder is not None:
         recorder.finish(status, reason)
-    row = dict(status=status, **_last_state(recorder), **derivatives, seconds=round(time.perf_counter() - began, 3), reason=reason)
+    row = dict(
+        status=status,
+        **_last_state(recorder),
+        **derivatives,
+        seconds=round(time.perf_counter() - began, 3),
+        reason=reason,
+    )
     write_json(place / POINT, {"format": FORMAT, "values": values, "row": row})
     return row
 
@@ -109,13 +136,27 @@ def _last_state(recorder):
     records = recorder.records if recorder is not None else []
     last = {name: float(records[-1][1][name]) if records else None for name in ("mu", *LAST)}
     iterations = sum(int(step.newton_iterations) for step, _, _ in records)
-    last = {name: value if value is not None and math.isfinite(value) else None for name, value in last.items()}
+    last = {
+        name: value if value is not None and math.isfinite(value) else None
+        for name, value in last.items()
+    }
     value = float(records[-1][0].value) if records else None
-    return dict(value_reached=value, mu_reached=last.pop("mu"), states=len(records), newton_iterations=iterations, **last)
+    return dict(
+        value_reached=value,
+        mu_reached=last.pop("mu"),
+        states=len(records),
+        newton_iterations=iterations,
+        **last,
+    )
 
 
-def _derivatives(response: Response, values: dict, path: Path) -> tuple[dict[str, float | None], list[str]]:
-    """Part of a row: the derivatives at the last state of a point's path, by column; and the warnings of them, each one line."""
+def _derivatives(
+    response: Response, values: dict, path: Path
+) -> tuple[dict[str, float | None], list[str]]:
+    """Part of a row: the derivatives at the last state of a point's path, by column.
+
+    And the warnings of them, each one line.
+    """
     names = response.study.names
     with warnings.catch_warnings(record=True) as raised:
         warnings.simplefilter("always")
@@ -124,7 +165,10 @@ def _derivatives(response: Response, values: dict, path: Path) -> tuple[dict[str
         except ArithmeticError as problem:
             return {}, [f"no derivatives: {one_line(problem)}"]
     columns = derivative_columns(names).values()
-    numbers = {column: d if math.isfinite(d) else None for column, d in zip(columns, rows.ravel().tolist(), strict=True)}
+    numbers = {
+        column: d if math.isfinite(d) else None
+        for column, d in zip(columns, rows.ravel().tolist(), strict=True)
+    }
     return numbers, [one_line(warning.message) for warning in raised]
 
 
@@ -133,27 +177,48 @@ def _name(k):
 
 
 def _begin(study, folder, resume):
-    """Write map.json, or see that it is this study's."""
+    """Write map.json, or check that it is this study's."""
     record = {"format": FORMAT, "name": study.name, "study": study.table, "points": study.points}
     file = folder / MAP
     if file.exists():
         if not resume:
-            raise ValueError(f"out: {str(folder)!r} holds a map already; resume it (--resume), or give another folder")
+            raise ValueError(
+                f"out: {str(folder)!r} holds a map already; resume it (--resume), or give another "
+                "folder"
+            )
         known = resumed_map(folder)
         if (known.table, known.points) != (study.table, study.points):
-            raise ValueError(f"out: {MAP} in {str(folder)!r} is of another study; give another folder")
+            raise ValueError(
+                f"out: {MAP} in {str(folder)!r} is of another study; give another folder"
+            )
     else:
         write_json(file, record)
 
 
 def _write_table(study, rows, folder):
-    """points.csv, whole or not at all; the value reached of another control than mu comes before that of mu.
+    """points.csv, whole or not at all.
 
-    Rows that an earlier version wrote have no value in a column that came later.
+    The value reached of another control than mu comes before that of mu. Rows that an earlier
+    version wrote have no value in a column that came later.
     """
     driven = () if study.case.sweep.control == "mu" else ("value_reached",)
     derivatives = derivative_columns(study.names).values() if study.gradients else ()
-    columns = (*driven, "mu_reached", "states", "newton_iterations", *LAST, *derivatives, "seconds", "reason")
-    varied = {k: components({p["name"]: study.points[k][p["name"]] for p in study.parameters}) for k in rows}
-    lines = [[k, row["status"], *varied[k].values(), *(row.get(name) for name in columns)] for k, row in sorted(rows.items())]
+    columns = (
+        *driven,
+        "mu_reached",
+        "states",
+        "newton_iterations",
+        *LAST,
+        *derivatives,
+        "seconds",
+        "reason",
+    )
+    varied = {
+        k: components({p["name"]: study.points[k][p["name"]] for p in study.parameters})
+        for k in rows
+    }
+    lines = [
+        [k, row["status"], *varied[k].values(), *(row.get(name) for name in columns)]
+        for k, row in sorted(rows.items())
+    ]
     write_csv(folder / TABLE, ["point", "status", *study.names, *columns], lines)

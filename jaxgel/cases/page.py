@@ -1,4 +1,4 @@
-"""A path for people to look at: one self-contained HTML page with a slider."""
+"""HTML viewer of a path: one self-contained page with a slider."""
 
 import json
 from importlib import resources
@@ -35,7 +35,10 @@ DECADES = 2.0  # that times span from which on their axis is logarithmic
 
 
 def write_page(folder: str | File, out: str | File | None = None) -> File:
-    """Write the page of a run's ``folder``, to view.html in it or to ``out``; returns the file. ValueError for what is no run's folder."""
+    """Write the page of a run's ``folder``, to view.html in it or to ``out``; returns the file.
+
+    ValueError for what is no run's folder.
+    """
     run, path = load_run(folder), load_path(folder)
     file = File(out) if out else File(folder) / PAGE
     text = page(path, table=run.history, title=run.summary["case"])
@@ -44,18 +47,26 @@ def write_page(folder: str | File, out: str | File | None = None) -> File:
 
 
 def page(path: Path, *, table: dict[str, Any] | None = None, title: str = "jaxgel") -> str:
-    """HTML page of a path: pattern, curves and events at the state of a slider. It holds its data and loads nothing from the network.
+    """HTML page of a path: pattern, curves and events at the state of a slider.
 
-    ``table`` saves computing `history` again. Transient swelling has the volume ratio as colours, and curves against the logarithm of time
-    if its states span more than ``DECADES``.
+    It holds its data and loads nothing from the network. ``table`` saves computing `history` again.
+    Transient swelling has the volume ratio as colours, and curves against the logarithm of time if
+    its states span more than ``DECADES``.
     """
-    data = json.dumps(_data(path, history(path) if table is None else table, title), separators=(",", ":"), allow_nan=False)
+    data = json.dumps(
+        _data(path, history(path) if table is None else table, title),
+        separators=(",", ":"),
+        allow_nan=False,
+    )
     template = resources.files("jaxgel.cases").joinpath(TEMPLATE).read_text(encoding="utf-8")
     return template.replace("@DATA@", data.replace("<", "\\u003c"))
 
 
 def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
-    """Data of the page for JSON; positions are whole steps of the plate's width over ``RESOLUTION``."""
+    """Data of the page for JSON.
+
+    Positions are whole steps of the plate's width over ``RESOLUTION``.
+    """
     from ..plotting import colour_scale  # Matplotlib starts slowly
 
     cloud = path.model.cloud
@@ -69,7 +80,10 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
     return {
         "title": title,
         "about": f"{len(cloud.nodes)} nodes, {_parameters(path)}; open dots are unstable states",
-        "control": {"label": driven.plain_label(), "unit": "" if driven.unit == "1" else driven.unit},
+        "control": {
+            "label": driven.plain_label(),
+            "unit": "" if driven.unit == "1" else driven.unit,
+        },
         "time": is_in_time(path),
         "logarithmic": is_in_time(path) and _decades(path.value) > DECADES,
         "value": np.asarray(path.value).tolist(),
@@ -99,26 +113,44 @@ def _decades(times: Array) -> float:
 
 def _viewed(table):
     """Names of the quantities whose curves are shown: those that have a value."""
-    own = (name for name, quantity in QUANTITIES.items() if quantity.viewed and quantity.column in table)
-    return [name for name in own if np.isfinite(np.asarray(table[QUANTITIES[name].column], dtype=float)).any()]
+    own = (
+        name
+        for name, quantity in QUANTITIES.items()
+        if quantity.viewed and quantity.column in table
+    )
+    return [
+        name
+        for name in own
+        if np.isfinite(np.asarray(table[QUANTITIES[name].column], dtype=float)).any()
+    ]
 
 
 def _column(quantity: Quantity, table: dict[str, Any], cloud: Cloud) -> dict[str, Any]:
     """Label and values of a quantity; a value that is not finite is None."""
     values = quantity.scale * np.asarray(table[quantity.column], dtype=float)
     label = quantity.plain_label(cloud.topology.plate.unit)
-    return {"label": label, "values": [float(value) if np.isfinite(value) else None for value in values]}
+    return {
+        "label": label,
+        "values": [float(value) if np.isfinite(value) else None for value in values],
+    }
 
 
 def _steps(positions: Array, cloud: Cloud) -> list[list[int]]:
     """Positions (k, m, 2) in mm as k flat lists of whole steps."""
-    steps = np.nan_to_num(np.asarray(positions)) * (RESOLUTION / cloud.plate.width)  # vertices in holes are nan
+    # vertices in holes are nan
+    steps = np.nan_to_num(np.asarray(positions)) * (RESOLUTION / cloud.plate.width)
     return np.round(steps).astype(int).reshape(len(positions), -1).tolist()
 
 
 def _parameters(path):
-    """Parameters of the gel in words, but for one that is driven, with their ranges where they vary over the plate."""
-    ranges = {name: (float(values.min()), float(values.max())) for name, values in parameter_values(path).items()}
+    """Parameters of the gel in words, without one that is driven, with ranges of fields."""
+    ranges = {
+        name: (float(values.min()), float(values.max()))
+        for name, values in parameter_values(path).items()
+    }
     names = [name for name in ACCEPTED if hasattr(path.gel, name) and name != path.control.name]
     texts = {name: f"{low:.3g} to {high:.3g}" for name, (low, high) in ranges.items()}
-    return ", ".join(f"{name} = {texts.get(name) or format(float(getattr(path.gel, name)), 'g')}" for name in names)
+    return ", ".join(
+        f"{name} = {texts.get(name) or format(float(getattr(path.gel, name)), 'g')}"
+        for name in names
+    )

@@ -1,4 +1,4 @@
-"""An interrupted run, continued."""
+"""Resumption of an interrupted run."""
 
 from importlib.metadata import version
 from pathlib import Path as File
@@ -15,46 +15,67 @@ from .case import Case, from_table
 
 
 def resumed(folder: File | str) -> Recorder:
-    """The `Recorder` of an interrupted run, begun with its accepted states; none if it had no state yet.
+    """The `Recorder` of an interrupted run, begun with its accepted states.
 
-    Raises ValueError for a folder that was not written by ``jaxgel run``, or not by this version, and for files that do not fit together.
+    None if it had no state yet. Raises ValueError for a folder that was not written by
+    ``jaxgel run``, or not by this version, and for files that do not fit together.
     """
     if (File(folder) / "states.npz").is_file():
         case, path = _rebuilt(load_run(folder))
         problem, states = case.problem(path.model), [path[k] for k in range(len(path))]
         name = problem.control.name
         if not _are_of(path.value.tolist(), case, problem):
-            raise ValueError(f"folder: the {name} in {str(folder)!r} are not those of the case in its summary.json; run the case again")
+            raise ValueError(
+                f"folder: the {name} in {str(folder)!r} are not those of the case in its "
+                "summary.json; run the case again"
+            )
     else:
         summary = read_summary(folder)
         case, states = from_table(summary["options"], summary["case"]), []
         problem = case.problem(case.model())
     recorder = recorder_of(folder, case, problem)
     for state in states:
-        recorder.add([state])  # one by one, as they came, so that the rows of swelling in time are the same to the last digit
+        # one by one, as they came, so that the rows of swelling in time are the same to the last
+        # digit
+        recorder.add([state])
     recorder.begin()
     return recorder
 
 
 def recorder_of(folder: File | str, case: Case, problem: Problem) -> Recorder:
-    """The `Recorder` of a case's ``problem``; ``t_resolved`` in the summary of a run in time is the case's `resolved_time`."""
+    """The `Recorder` of a case's ``problem``.
+
+    ``t_resolved`` in the summary of a run in time is the case's `resolved_time`.
+    """
     if case.time is None:
         return Recorder(folder, case, problem)
     resolved = case.resolved_time(problem)
-    return Recorder(folder, case, problem, {"t_resolved": resolved if np.isfinite(resolved) else None})
+    return Recorder(
+        folder, case, problem, {"t_resolved": resolved if np.isfinite(resolved) else None}
+    )
 
 
 def path_of(recorder: Recorder, observer: Observer) -> Path:
-    """`Path` of a recorder's case: the states that it has, and those that follow the last one; ``observer`` as in `sweep`."""
+    """`Path` of a recorder's case: the states that it has, and those that follow the last one.
+
+    ``observer`` as in `sweep`.
+    """
     problem, options, states = recorder.problem, recorder.case.sweep, recorder.steps
     if recorder.case.time is not None:
-        return recorder.case.swell(problem, before=Path.from_states(problem, states) if states else None, observer=observer)
+        return recorder.case.swell(
+            problem, before=Path.from_states(problem, states) if states else None, observer=observer
+        )
     values = _left(options, [state.value for state in states])
     if states and not values:
         return Path.from_states(problem, states)
     start = states[-1] if states else None
     rest = sweep_by_options(problem, options, values=values, start=start, observer=observer)
-    return Path.from_states(problem, [*states, *(rest[k] for k in range(len(rest)))], stop=rest.stop, stop_text=rest.stop_text)
+    return Path.from_states(
+        problem,
+        [*states, *(rest[k] for k in range(len(rest)))],
+        stop=rest.stop,
+        stop_text=rest.stop_text,
+    )
 
 
 def _left(options: SweepOptions, done: list[float]) -> list[float] | Adaptive | None:
@@ -79,36 +100,55 @@ def _are_of(values, case, problem):
 
 
 def other_versions(folder: File | str) -> str:
-    """One line that names the packages whose versions differ from those that wrote the folder, empty where none do."""
+    """One line with the packages whose versions differ from the folder's; empty if none do."""
     before = read_summary(folder)["versions"]
     differing = [name for name in NUMERICAL if before.get(name) != version(name)]
     now = ", ".join(f"{name} {before.get(name)} -> {version(name)}" for name in differing)
-    return f"written with other versions, so the numbers agree to round-off only: {now}" if differing else ""
+    return (
+        f"written with other versions, so the numbers agree to round-off only: {now}"
+        if differing
+        else ""
+    )
 
 
 def load_path(folder: File | str) -> Path:
-    """The `path.Path` of a run's folder on the model built again from the options in its ``summary.json``.
+    """The `path.Path` of a run's folder on the model rebuilt from its ``summary.json``.
 
-    Raises ValueError as `load_run`, and when the model differs from the stored one (written by another version).
+    Raises ValueError as `load_run`, and when the model differs from the stored one (written by
+    another version).
     """
     return _rebuilt(load_run(folder))[1]
 
 
 def _rebuilt(run: Run) -> tuple[Case, Path]:
-    """The `cases.Case` and the `Path` of a `Run`, whose problem lacks an imperfection; ValueError if they do not fit together."""
+    """The `cases.Case` and the `Path` of a `Run`, whose problem lacks an imperfection.
+
+    ValueError if they do not fit together.
+    """
     again = f"in {str(run.folder)!r}"
     try:
         case = from_table(run.summary["options"], run.summary["case"])
     except ValueError as problem:
-        raise ValueError(f"folder: the case {again} is not one of this version of jaxgel: {problem}; run the case again") from None
+        raise ValueError(
+            f"folder: the case {again} is not one of this version of jaxgel: {problem}; run the "
+            "case again"
+        ) from None
     states = run.states
     if (case.sweep.control if case.time is None else Time.name) != run.control[0]:
-        raise ValueError(f"folder: the control of the run {again} is not that of its case; run the case again")
+        raise ValueError(
+            f"folder: the control of the run {again} is not that of its case; run the case again"
+        )
     model = case.model()
     nodes = np.asarray(model.cloud.nodes)
     fits = nodes.shape == states["nodes"].shape and np.abs(nodes - states["nodes"]).max() <= 1e-9
-    if not (fits and states["pressure"].shape[1] == len(all_volumes(model)) and len(states["x"][0]) == len(nodes)):
-        raise ValueError(f"folder: the nodes {again} are not those of this version of jaxgel; run the case again")
+    if not (
+        fits
+        and states["pressure"].shape[1] == len(all_volumes(model))
+        and len(states["x"][0]) == len(nodes)
+    ):
+        raise ValueError(
+            f"folder: the nodes {again} are not those of this version of jaxgel; run the case again"
+        )
     if case.time is not None and (missing := [name for name in OF_SOLVENT if name not in states]):
         raise ValueError(f"folder: states.npz {again} has no {missing[0]}; run the case again")
     columns = {name: states[name] for name in (*STEP_ARRAYS, *OF_SOLVENT) if name in states}

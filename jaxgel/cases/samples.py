@@ -1,6 +1,7 @@
-"""The paper's plates by name: Deng et al. (2020), Table 1, the lattice of Fig. 13 and the square of Fig. 1; and cases that swell in time.
+"""Built-in cases: samples, lattice and square of Deng et al. (2020), and cases in time.
 
-Lengths in mm. The numbers are those that reproduce the paper's node and Gauss-point counts.
+Samples by name are those of Table 1, the lattice is Fig. 13, the square Fig. 1. Lengths in mm. The
+numbers are those that reproduce the paper's node and Gauss-point counts.
 """
 
 import itertools
@@ -13,19 +14,35 @@ from ..materials import Gel
 
 SIDE = 22.0  # of the plates of samples 1-9
 GRID = 40  # background intervals per side
-_CIRCLES = (2 * math.sqrt(20) + 1) / 2  # distance of a circle's centre from the axes: the largest leave 1 mm between them
+# distance of a circle's centre from the axes: the largest leave 1 mm between them
+_CIRCLES = (2 * math.sqrt(20) + 1) / 2
 _SQUARES = (math.sqrt(20 * math.pi) + 1) / 2  # the same for squares
 
 
 def sample_names() -> list[str]:
-    """Names that ``sample`` accepts, a list of str."""
+    """Names that `sample` accepts, a list of str; no arguments.
+
+    >>> sample_names()[:2]
+    ['sample-1', 'sample-2']
+    """
     return list(_SAMPLES)
 
 
 def sample(name: str) -> Plate:
-    """The plate of a case of the paper with the paper's gel, node spacing, nodes per hole and wall conditions.
+    """`Plate` of a case of the paper with its gel, spacing, nodes per hole and edge conditions.
 
-    "sample-1" ... "sample-9", "lattice" or "square". Raises ValueError for another name.
+    Arguments:
+
+    - `name`: "sample-1" ... "sample-9", "lattice" or "square"; see `sample_names`.
+
+    Returns the plate; lengths in mm.
+
+    Raises `ValueError` for another name.
+
+    Source: Deng et al. (2020), Table 1, Figs. 1 and 13.
+
+    >>> sample("square").holes
+    ()
     """
     if name not in _SAMPLES:
         raise ValueError(f"case: unknown name {name!r}; {did_you_mean(name, _SAMPLES)}")
@@ -33,7 +50,7 @@ def sample(name: str) -> Plate:
 
 
 def case_names() -> list[str]:
-    """Names of the built-in cases, a list of str: those of ``sample``, which are swept, and those that swell in time."""
+    """Names of the built-in cases, a list of str: those of ``sample``, and those in time."""
     return [*_SAMPLES, *_IN_TIME]
 
 
@@ -47,7 +64,10 @@ def built_in(name: str) -> dict[str, Any]:
 
 
 def _four_holes(name, distance, hole):
-    """A 22 mm plate with ``hole(centre, angle)`` at (+-distance, +-distance); the angle alternates between 0 and a right angle."""
+    """A 22 mm plate with ``hole(centre, angle)`` at (+-distance, +-distance).
+
+    The angle alternates between 0 and a right angle.
+    """
     centres = [(x * distance, y * distance) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     holes = [hole(centre, 0.0 if centre[0] * centre[1] > 0 else math.pi / 2) for centre in centres]
     gel = Gel(Nv=1e-3, chi=1e-4)
@@ -55,23 +75,41 @@ def _four_holes(name, distance, hole):
 
 
 def _ellipses(length, width):
-    return lambda name: _four_holes(name, 5.0, lambda centre, angle: Ellipse(centre, (length / 2, width / 2), angle))
+    return lambda name: _four_holes(
+        name, 5.0, lambda centre, angle: Ellipse(centre, (length / 2, width / 2), angle)
+    )
 
 
 def _circles(radius_squared):
-    return lambda name: _four_holes(name, _CIRCLES, lambda centre, _: Circle(centre, math.sqrt(radius_squared)))
+    return lambda name: _four_holes(
+        name, _CIRCLES, lambda centre, _: Circle(centre, math.sqrt(radius_squared))
+    )
 
 
 def _squares(area_over_pi):
     side = math.sqrt(area_over_pi * math.pi)
-    return lambda name: _four_holes(name, _SQUARES, lambda centre, _: Rectangle(centre, (side, side)))
+    return lambda name: _four_holes(
+        name, _SQUARES, lambda centre, _: Rectangle(centre, (side, side))
+    )
 
 
 def _lattice(name):
     """Lengths in 1e-3 mm; the edge cuts the outer holes to halves and quarters."""
-    holes = [Circle(centre, 0.9) for centre in itertools.product((-4.0, -2.0, 0.0, 2.0, 4.0), repeat=2)]
+    holes = [
+        Circle(centre, 0.9) for centre in itertools.product((-4.0, -2.0, 0.0, 2.0, 4.0), repeat=2)
+    ]
     gel = Gel(Nv=1e-3, chi=1e-5)
-    return Plate(8.0, 8.0, holes, name=name, spacing=8.0 / GRID, nodes_per_hole=20, core=(1.0, 1.0), gel=gel, unit="1e-3 mm")
+    return Plate(
+        8.0,
+        8.0,
+        holes,
+        name=name,
+        spacing=8.0 / GRID,
+        nodes_per_hole=20,
+        core=(1.0, 1.0),
+        gel=gel,
+        unit="1e-3 mm",
+    )
 
 
 def _square(name):

@@ -1,39 +1,48 @@
-"""A design study: a case file with the sections that say what is varied, what it is judged by, how it is searched and how verified.
+"""Design studies: a case file with sections for parameters, objectives, search and verification.
 
-Besides the sections of a case (see `cases`), or ``case`` = a built-in name or the path of a case file, a study has
+Besides the sections of a case (see `cases`), or ``case`` = a built-in name or the path of a case
+file, a study has
 
-    [[parameters]]   of (a parameter of the holes, Nv or chi; angle_deg is the angle in degrees), lower, upper; optional: name, holes
-                     (list of numbers), link, start
-                     or of = "Nv_field" or "chi_field", lower, upper and one of pixels = [r, c], modes = [m, n]; optional: name, start,
-                     filter (mm), with_holes, see `parameters`
-    [[objective]]    of (a quantity, see `CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
-                     curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line;
-                     or of = "free_edge" with at and outline, the line that the free edges are to follow, [[x, y], ...] in mm or a file,
-                     see `io.read_outlines`
-                     or of = "fold_up", "fold_down", "loop_width", "onset" or "barrier" (with at) and goal or target; optional: weight
-    [[constraints]]  of (a quantity, see `CURVES`, `DRY` and `OF_GEL`) and one of above, below, within (magnitude); optional: at
+    [[parameters]]   of (a parameter of the holes, Nv or chi; angle_deg is the angle in degrees),
+                     lower, upper; optional: name, holes (list of numbers), link, start
+                     or of = "Nv_field" or "chi_field", lower, upper and one of pixels = [r, c],
+                     modes = [m, n]; optional: name, start, filter (mm), with_holes, see
+                     `parameters`
+    [[objective]]    of (a quantity, see `CURVES`) and one of goal = "maximise" or "minimise" with
+                     at = mu, target with at, curve = [one value per mu], line = {slope, mu0};
+                     optional: weight; from, to, the window of mu of curve or line;
+                     or of = "free_edge" with at and outline, the line that the free edges are to
+                     follow, [[x, y], ...] in mm or a file, see `io.read_outlines`
+                     or of = "fold_up", "fold_down", "loop_width", "onset" or "barrier" (with at)
+                     and goal or target; optional: weight
+    [[constraints]]  of (a quantity, see `CURVES`, `DRY` and `OF_GEL`) and one of above, below,
+                     within (magnitude); optional: at
                      or one of these ``SWITCHES`` and one of above, below, within
-    [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of searches (1), each from other start values
-                     within the bounds, and seed (0) by which those are drawn, see `study_runs`
-    [robust]         uncertainty = {semi_axes = "1 %"}, see `uncertain`, weight (1) and samples (16): the objective is the mean over samples
-                     of the design as it is made, worse by so many standard deviations, see `Spread`
-    [verification]   spacing (mm) of the finest cloud, tolerance (0.01), mu = [list], see `verify`; uncertainty = {semi_axes = "1 %"}, see
-                     `uncertain`, and samples (16): the objective of the best design as it is made
+    [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of
+                     searches (1), each from other start values within the bounds, and seed (0) by
+                     which those are drawn, see `study_runs`
+    [robust]         uncertainty = {semi_axes = "1 %"}, see `uncertain`, weight (1) and samples
+                     (16): the objective is the mean over samples of the design as it is made, worse
+                     by so many standard deviations, see `Spread`
+    [verification]   spacing (mm) of the finest cloud, tolerance (0.01), mu = [list], see `verify`;
+                     uncertainty = {semi_axes = "1 %"}, see `uncertain`, and samples (16): the
+                     objective of the best design as it is made
 
-An entry with of = "area_reduction" may have ``hole``, its number, and is then that of this hole alone.
-``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
-A study takes all of its case, loads and moved edges too, but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu
-a list. Under another control ``at``, ``from``, ``to`` and ``mu`` are its values, which must all be different. Nodal loads follow the cloud.
-If the case swells in time, entries have ``at_time`` = t in place of ``at``, or ``time_to`` = value: then the time at which ``of`` first
-reaches that value has the goal or target, or is above or below a limit. A design that does not reach it is not valid. The verification is
-on a fresh cloud with half the time steps.
-The switches are of the gel driven from the first value of the sweep to the last and back: its folds, the width of its loop and the first
-critical point in the control's unit, and the barrier (kT/v mm^2) that keeps it in its state on the way up at a value between these ends.
+An entry with of = "area_reduction" may have ``hole``, its number, and is then that of this hole
+alone. ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the
+first hole's own value. A study takes all of its case, loads and moved edges too, but
+``imperfection``, whose load has no derivative; ``steps`` is a number, or mu a list. Under another
+control ``at``, ``from``, ``to`` and ``mu`` are its values, which must all be different. Nodal loads
+follow the cloud. If the case swells in time, entries have ``at_time`` = t in place of ``at``, or
+``time_to`` = value: then the time at which ``of`` first reaches that value has the goal or target,
+or is above or below a limit. A design that does not reach it is not valid. The verification is on a
+fresh cloud with half the time steps. The switches are of the gel driven from the first value of the
+sweep to the last and back: its folds, the width of its loop and the first critical point in the
+control's unit, and the barrier (kT/v mm^2) that keeps it in its state on the way up at a value
+between these ends.
 """
 
 import dataclasses
-import functools
-import warnings
 from pathlib import Path as File
 from typing import Any
 
@@ -50,17 +59,14 @@ from ..design import (
     Design,
     DesignField,
     DesignProblem,
-    bound,
-    misfit,
     optimise,
-    value_at,
     verify,
     weighted_sum,
 )
-from ..io import DrawingIncomplete, read_outlines
-from ..observables import CURVES, free_edge_misfit
+from ..observables import CURVES
 from .as_made import ROBUST, VERIFICATION, spread_of, verification_of
 from .case import Case
+from .objectives import LIMITS, aim_of, constraint, term, with_points
 from .parameters import (
     FIELD,
     FIELDS,
@@ -76,9 +82,9 @@ from .parameters import (
     study_case,
     study_table,
 )
-from .terms import BARRIER, FREE_EDGE, IN_TIME, check_place, quantity_of, switch_of, time_to_of
+from .terms import BARRIER, FREE_EDGE, check_place, switch_of, time_to_of
 
-AIMS, LIMITS = ("goal", "target", "curve", "line", "outline"), ("above", "below", "within")
+AIMS = ("goal", "target", "curve", "line", "outline")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
 TIME = NUMBER | {"minimum": 0.0}
 SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
@@ -97,7 +103,11 @@ OBJECTIVE = {
     "from": NUMBER,
     "to": NUMBER,
 }
-CONSTRAINT = {"of": word([*CURVES, *DRY, *OF_GEL, *SWITCHES]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": NUMBER}
+CONSTRAINT = {
+    "of": word([*CURVES, *DRY, *OF_GEL, *SWITCHES]) | OF,
+    **dict.fromkeys(LIMITS, NUMBER),
+    "at": NUMBER,
+}
 CONSTRAINT |= {"hole": whole(0), "at_time": TIME, "time_to": NUMBER}
 SEARCH = {
     "method": word(METHODS),
@@ -111,7 +121,9 @@ VARIED = {
     "type": "object",
     "if": {"properties": {"of": {"enum": list(FIELDS)}}, "required": ["of"]},
     "then": FIELD,
-    "else": tabled(PARAMETER | {"start": VALUE, "lower": BOUND, "upper": BOUND}, ["of", "lower", "upper"]),
+    "else": tabled(
+        PARAMETER | {"start": VALUE, "lower": BOUND, "upper": BOUND}, ["of", "lower", "upper"]
+    ),
 }
 SECTIONS = {
     "parameters": listed(VARIED, least=1),
@@ -142,73 +154,150 @@ class Study:
     verification: dict
     """Options of `verify`: spacing, mu, tolerance."""
     aim: dict
-    """First entry of the objective for the figure: ``quantity``, a function of a path or None, ``values`` (k,), its targets at ``control``
-    (k,), mu or times, and ``targets``, those of switches and times, by name; nan if there is no target."""
+    """First entry of the objective, for the figure.
+
+    ``quantity`` is a function of a path or None, ``values`` (k,) its targets at ``control`` (k,),
+    mu or times; ``targets`` are those of switches and times, by name; nan if there is no target.
+    """
     fields: dict[str, tuple[str, DesignField]]
     """Parameters that are fields: name -> Nv or chi, and how its pixels follow."""
     table: dict
     """The study as a table that `study_from_table` reads; JSON can hold it."""
 
-    def run(self, folder: File | str | None = None, *, resume: bool = False, quiet: bool = True) -> Design:
-        """`Design` of the search from the problem's start, logged in ``folder`` if given; see `optimise`."""
+    def run(
+        self, folder: File | str | None = None, *, resume: bool = False, quiet: bool = True
+    ) -> Design:
+        """`Design` of the search from the problem's start, logged in ``folder`` if given.
+
+        See `optimise`.
+        """
         record = {"study": self.table, "name": self.name}
-        return optimise(self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search)
+        return optimise(
+            self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search
+        )
 
     def verify(self, parameters: dict[str, Any], **options: Any) -> tuple[dict[str, Any], Path]:
-        """`verify` of a dict of parameters with the study's options, or others: its dict, and the path."""
+        """`verify` of a dict of parameters with the study's options, or others, and the path."""
         return verify(self.problem, parameters, **self.verification | options)
 
 
 def load_study(file: File | str) -> Study:
-    """The `Study` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
+    """The `Study` of a TOML file.
+
+    ValueError, one line, for a file that cannot be read and for every wrong entry.
+    """
     return study_from_table(*study_table(file))
 
 
 def study_from_table(table: dict[str, Any], name: str) -> Study:
-    """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
+    """The `Study` of a table as described at the top of this module.
+
+    ValueError names the section and key of a wrong entry.
+    """
     case = study_case(table, name, SECTIONS)
     if not case.sweep.given:
         own = "mu" if case.sweep.control == "mu" else "values"
-        raise ValueError(f"sweep.steps: 'auto' is not accepted in a study; give a number, or {own} = [list]")
+        raise ValueError(
+            f"sweep.steps: 'auto' is not accepted in a study; give a number, or {own} = [list]"
+        )
     mu = list(case.sweep.values)
-    parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])])
-    table = table | {"objective": [_with_points(f"objective[{i}]", entry) for i, entry in enumerate(table["objective"])]}
-    judged = [(f"{key}[{i}]", entry) for key in ("objective", "constraints") for i, entry in enumerate(table.get(key, []))]
+    parameters = all_different(
+        [_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])]
+    )
+    table = table | {
+        "objective": [
+            with_points(f"objective[{i}]", entry) for i, entry in enumerate(table["objective"])
+        ]
+    }
+    judged = [
+        (f"{key}[{i}]", entry)
+        for key in ("objective", "constraints")
+        for i, entry in enumerate(table.get(key, []))
+    ]
     for where, entry in judged:
         check_place(where, entry, case)
-    switches = {where: switch_of(where, entry, case) for where, entry in judged if entry["of"] in SWITCHES}
+    switches = {
+        where: switch_of(where, entry, case) for where, entry in judged if entry["of"] in SWITCHES
+    }
     switches |= {where: time_to_of(entry) for where, entry in judged if "time_to" in entry}
-    terms = [_term(f"objective[{i}]", entry, mu, case.sweep.control, switches) for i, entry in enumerate(table["objective"])]
-    limits = [_constraint(f"constraints[{i}]", entry, case.sweep, switches) for i, entry in enumerate(table.get("constraints", []))]
+    terms = [
+        term(f"objective[{i}]", entry, mu, case.sweep.control, switches)
+        for i, entry in enumerate(table["objective"])
+    ]
+    limits = [
+        constraint(f"constraints[{i}]", entry, case.sweep, switches)
+        for i, entry in enumerate(table.get("constraints", []))
+    ]
+    problem = _problem(case, parameters, terms, limits, switches, spread_of(table, case))
+    fields = {p["name"]: (p["of"], p["field"]) for p in parameters if "field" in p}
+    method = "slsqp" if len(problem.vector) <= MOST_DENSE else "lbfgs"
+    search = dict(
+        method=method, evaluations=60, step=0.2, tolerance=1e-5, starts=1, seed=0
+    ) | table.get("search", {})
+    several = {key: search.pop(key) for key in ("starts", "seed")}
+    pictured = {
+        i: p["start"].tolist()
+        for i, p in enumerate(parameters)
+        if isinstance(table["parameters"][i].get("start"), dict)
+    }
+    entries = [
+        entry | ({"start": pictured[i]} if i in pictured else {})
+        for i, entry in enumerate(table["parameters"])
+    ]
+    table = (
+        {key: table[key] for key in SECTIONS if key in table}
+        | {"parameters": entries}
+        | case.table()
+    )
+    verification, aim = (
+        verification_of(table, case),
+        aim_of(table["objective"][0], mu, case.sweep.control),
+    )
+    aims = [
+        (entry, *switches[f"objective[{i}]"][:1])
+        for i, entry in enumerate(table["objective"])
+        if f"objective[{i}]" in switches
+    ]
+    aim["targets"] = {
+        name: entry.get("target", np.nan)
+        for entry, name in aims
+        if (entry["of"] == BARRIER) == (aim["of"] == BARRIER)
+    }
+    return Study(
+        name,
+        case,
+        problem,
+        search,
+        verification=verification,
+        aim=aim,
+        fields=fields,
+        table=table,
+        **several,
+    )
+
+
+def _problem(case, parameters, terms, limits, switches, spread):
+    """The `DesignProblem` of a study with these parameters, terms of the objective and limits."""
     alone = len(terms) == 1 and terms[0][0] < 0
-    problem = DesignProblem(
+    return DesignProblem(
         start={p["name"]: p["start"] for p in parameters},
         bounds={p["name"]: (p["lower"], p["upper"]) for p in parameters},
         plate=plate_of(case.plate, parameters),
         gel=gel_of(case.gel, parameters),
-        mu=mu,
-        objective=weighted_sum([abs(w) for w, _ in terms] if alone else [w for w, _ in terms], [f for _, f in terms]),
+        mu=list(case.sweep.values),
+        objective=weighted_sum(
+            [abs(w) for w, _ in terms] if alone else [w for w, _ in terms], [f for _, f in terms]
+        ),
         maximise=alone,
         constraints=tuple(limits),
         reported=dict(switches.values()),
-        spread=spread_of(table, case),
+        spread=spread,
         options=case.discretisation,
         sweep=case.sweep,
         loads=case.loads,
         time=case.time,
         baths={} if case.time is None else case.baths(),
     )
-    fields = {p["name"]: (p["of"], p["field"]) for p in parameters if "field" in p}
-    method = "slsqp" if len(problem.vector) <= MOST_DENSE else "lbfgs"
-    search = dict(method=method, evaluations=60, step=0.2, tolerance=1e-5, starts=1, seed=0) | table.get("search", {})
-    several = {key: search.pop(key) for key in ("starts", "seed")}
-    pictured = {i: p["start"].tolist() for i, p in enumerate(parameters) if isinstance(table["parameters"][i].get("start"), dict)}
-    entries = [entry | ({"start": pictured[i]} if i in pictured else {}) for i, entry in enumerate(table["parameters"])]
-    table = {key: table[key] for key in SECTIONS if key in table} | {"parameters": entries} | case.table()
-    verification, aim = verification_of(table, case), _aim(table["objective"][0], mu, case.sweep.control)
-    aims = [(entry, *switches[f"objective[{i}]"][:1]) for i, entry in enumerate(table["objective"]) if f"objective[{i}]" in switches]
-    aim["targets"] = {name: entry.get("target", np.nan) for entry, name in aims if (entry["of"] == BARRIER) == (aim["of"] == BARRIER)}
-    return Study(name, case, problem, search, verification=verification, aim=aim, fields=fields, table=table, **several)
 
 
 def _parameter(i, entry, case):
@@ -218,75 +307,7 @@ def _parameter(i, entry, case):
         return field_parameter(where, entry, case)
     varied = parameter(where, entry, case)
     own = varied.pop("own")
-    return varied | {key: numbers(f"{where}.{key}", entry.get(key, own), np.shape(own)) for key in ("start", "lower", "upper")}
-
-
-def _term(where, entry, mu, control, switches):
-    """(weight, function of the path) of an entry of the objective, to be minimised; a negative weight maximises."""
-    weight = float(entry.get("weight", 1.0))
-    if "outline" in entry:
-        misfit_of_edges = functools.partial(free_edge_misfit, outline=np.array(entry["outline"], dtype=float))
-        return weight, value_at(misfit_of_edges, _at(where, entry, mu))
-    if "curve" in entry or "line" in entry:
-        return weight, misfit(quantity_of(entry)[1], mu, _aim(entry, mu, control, where)["values"])
-    value = switches[where][1] if where in switches else value_at(quantity_of(entry)[1], _at(where, entry, mu))
-    if "target" in entry:
-        return weight, lambda path: (value(path) - entry["target"]) ** 2
-    return (-weight if entry["goal"] == "maximise" else weight), value
-
-
-def _with_points(where, entry):
-    """The entry of an objective with the points of its outline in place of a file; ValueError where it has no use for one."""
-    if ("outline" in entry) != (entry["of"] == FREE_EDGE):
-        raise ValueError(f"{where}.of: {entry['of']!r} does not fit; {FREE_EDGE!r} and outline belong together")
-    if not isinstance(entry.get("outline"), str):
-        return entry
-    points, *others = read_outlines(entry["outline"])
-    if others:
-        warnings.warn(f"{where}.outline: {entry['outline']!r} without {len(others)} other outlines", DrawingIncomplete, stacklevel=2)
-    return entry | {"outline": [*points.tolist(), points[0].tolist()]}
-
-
-def _at(where, entry, mu):
-    """The value of the control of an entry, which must be one of the sweep's; in time the time."""
-    if "at_time" in entry:
-        return float(entry["at_time"])
-    at = float(entry["at"])
-    if min(abs(at - m) for m in mu) > 1e-9:
-        raise ValueError(f"{where}.at: {at:g} is not one of the sweep's values ({', '.join(f'{m:g}' for m in mu)})")
-    return at
-
-
-def _aim(entry, mu, control, where="objective[0]"):
-    """The entry with its target at every value ``mu`` of the ``control``, nan if it has none; in time at that of the target."""
-    entry = dict(entry, quantity=quantity_of(entry)[1])
-    if entry.keys() & IN_TIME:
-        target = entry.get("target", np.nan)
-        point = (entry["at_time"], target) if "at_time" in entry else (target, entry["time_to"])
-        return dict(entry, control=np.array(point[:1]), values=np.array(point[1:]))
-    at = np.array(mu)
-    values = np.full(len(mu), np.nan)
-    if "line" in entry:
-        values = entry["line"]["slope"] * (at - entry["line"]["mu0"])
-    elif "curve" in entry:
-        if len(entry["curve"]) != len(mu):
-            raise ValueError(f"{where}.curve: it is not a list of {len(mu)} numbers, one for each value of the sweep")
-        values = np.array(entry["curve"], dtype=float)
-    elif "target" in entry and entry["of"] not in SWITCHES:
-        values = np.where(np.abs(at - _at(where, entry, mu)) < 1e-9, float(entry["target"]), np.nan)
-    if entry.keys() & {"from", "to"}:
-        low, high = sorted((entry.get("from", mu[0]), entry.get("to", mu[-1])))
-        values = np.where((at >= low - 1e-9) & (at <= high + 1e-9), values, np.nan)
-        if ("line" in entry or "curve" in entry) and not np.any(np.isfinite(values)):
-            raise ValueError(f"{where}.from, to: no {control} of the sweep lies in {low:g} ... {high:g}")
-    return dict(entry, control=at, values=values)
-
-
-def _constraint(where, entry, sweep, switches):
-    limits = {key: float(entry[key]) for key in LIMITS if key in entry}
-    if where in switches:
-        name, function = switches[where]
-        return bound(name, of=function, **limits)
-    at = _at(where, entry, sweep.values) if entry.keys() & {"at", "at_time"} else None
-    name, quantity = quantity_of(entry)
-    return bound(name, of=quantity, at=at, control="t" if "at_time" in entry else sweep.control, **limits)
+    return varied | {
+        key: numbers(f"{where}.{key}", entry.get(key, own), np.shape(own))
+        for key in ("start", "lower", "upper")
+    }

@@ -1,4 +1,4 @@
-"""Case files as text: any case with every number in it, and a comment for each that says what it is."""
+"""Case files as text: every number of a case, with a comment for each."""
 
 import dataclasses
 import json
@@ -6,16 +6,30 @@ import json
 import numpy as np
 
 from .._validation import entry_of
-from ..geometry import Plate
+from ..geometry import OBSTACLES, Plate
 from .baths import WETTING
 from .case import Case, from_table
-from .schema import MATERIAL, OPTIONS, PARAMETERS, PLATE, WETTED_EDGES, WETTED_HOLE, field_texts, hole_texts
+from .schema import (
+    MATERIAL,
+    OPTIONS,
+    PARAMETERS,
+    PLATE,
+    WETTED_EDGES,
+    WETTED_HOLE,
+    field_texts,
+    hole_texts,
+)
 
 COLUMN = 43  # where comments start
 EXAMPLE = {
     "plate": {"width": 22.0, "height": 22.0, "edges": "roller"},
     "holes": [
-        {"kind": "ellipse", "centre": [5.0 * x, 5.0 * y], "semi_axes": [5.0, 4.0], "angle_deg": 0.0 if x * y > 0 else 90.0}
+        {
+            "kind": "ellipse",
+            "centre": [5.0 * x, 5.0 * y],
+            "semi_axes": [5.0, 4.0],
+            "angle_deg": 0.0 if x * y > 0 else 90.0,
+        }
         for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))
     ],
     "gel": {"Nv": 1e-3, "chi": 1e-4},
@@ -30,31 +44,52 @@ IN_TIME = {"sweep": {"mu_start": -4.9678}, "time": {"end": 60.0}, "bath": {"mu":
 
 
 def example(*, regions: bool = False, in_time: bool = False) -> Case:
-    """The `Case` that ``jaxgel init`` writes: four ellipses that turn the plate, as in the paper's sample 1.
+    """The `Case` that ``jaxgel init`` writes: four ellipses, as in the paper's sample 1.
 
-    With ``regions`` it has an elastomer in the middle and a stiffer gel at the upper edge, with ``in_time`` a bath in which it swells in
-    time; ValueError for both, as elastomers do not swell in time.
+    With ``regions`` it has an elastomer in the middle and a stiffer gel at the upper edge, with
+    ``in_time`` a bath in which it swells in time; ValueError for both, as elastomers do not swell
+    in time.
     """
     if regions and in_time:
-        raise ValueError("regions: an elastomer is not covered by swelling in time; leave one of the two out")
-    return from_table(EXAMPLE | ({"regions": REGIONS} if regions else {}) | (IN_TIME if in_time else {}), "example")
+        raise ValueError(
+            "regions: an elastomer is not covered by swelling in time; leave one of the two out"
+        )
+    return from_table(
+        EXAMPLE | ({"regions": REGIONS} if regions else {}) | (IN_TIME if in_time else {}),
+        "example",
+    )
 
 
 def explicit(case: Case) -> Case:
-    """The `Case` with its plate and holes written out in its ``source``, so that its table needs no sample and no moved hole."""
+    """The `Case` with its plate and holes written out in its ``source``.
+
+    Its table needs no sample and no moved hole.
+    """
     own = {key: getattr(case.plate, key) for key in PLATE}
     defaults = {field.name: field.default for field in dataclasses.fields(case.plate)}
     own["core"] = own["core"] if own["core"] == defaults["core"] else list(own["core"])
     own["axial_stretch"] = None if own["axial_stretch"] is None else float(own["axial_stretch"])
-    own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
-    plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {"edges": dict(case.plate.edges)}
+    own["displacement"] = {
+        edge: value for edge, value in case.plate.displacement.items() if any(value)
+    }
+    plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {
+        "edges": dict(case.plate.edges)
+    }
     plate |= _entries_of(case.source["plate"], WETTING)
     tables = case.source.get("holes", [{}] * len(case.plate.holes))
-    holes = [_hole(hole) | _entries_of(table, WETTING) for hole, table in zip(case.plate.holes, tables, strict=True)]
+    holes = [
+        _hole(hole) | _entries_of(table, WETTING)
+        for hole, table in zip(case.plate.holes, tables, strict=True)
+    ]
     tables = case.source.get("regions", [])
-    regions = [_hole(region) | _entries_of(table, MATERIAL) for region, table in zip(case.plate.regions, tables, strict=True)]
-    source = {"plate": plate} | {key: own for key, own in (("holes", holes), ("regions", regions)) if own}
-    source |= {key: case.source[key] for key in ("gel",) if key in case.source}
+    regions = [
+        _hole(region) | _entries_of(table, MATERIAL)
+        for region, table in zip(case.plate.regions, tables, strict=True)
+    ]
+    source = {"plate": plate} | {
+        key: own for key, own in (("holes", holes), ("regions", regions)) if own
+    }
+    source |= {key: case.source[key] for key in ("obstacles", "gel") if key in case.source}
     return dataclasses.replace(case, source=source)
 
 
@@ -63,21 +98,39 @@ def _entries_of(table, names):
 
 
 def _hole(hole):
-    """The table of a hole, with its angle in degrees where these are short and give the same angle to the bit."""
-    table = {"kind": type(hole).__name__.lower()} | {key: np.asarray(value).tolist() for key, value in hole.theta.items()}
+    """The table of a hole, with its angle in degrees if these are short and exact."""
+    table = {"kind": type(hole).__name__.lower()} | {
+        key: np.asarray(value).tolist() for key, value in hole.theta.items()
+    }
     degrees = round(float(np.rad2deg(table.get("angle", np.nan))), 6)
     if np.deg2rad(degrees) != table.get("angle"):
         return table
-    return {"angle_deg" if key == "angle" else key: degrees if key == "angle" else value for key, value in table.items()}
+    return {
+        "angle_deg" if key == "angle" else key: degrees if key == "angle" else value
+        for key, value in table.items()
+    }
 
 
 def case_text(case: Case) -> str:
-    """The TOML text of a `Case`, with what each entry means and, as a comment, the options that it leaves to their defaults."""
+    """TOML text of a `Case` with comments on its entries and, as comments, its default options."""
     table = case.table()
-    lines = [f"# {case.name}: lengths in mm, mu in kT. jaxgel schema lists all that is accepted.", ""]
+    lines = [
+        f"# {case.name}: lengths in mm, mu in kT. jaxgel schema lists all that is accepted.",
+        "",
+    ]
     for section, entries in table.items():
+        if section == "obstacles":
+            for obstacle in entries:
+                lines += [
+                    "[[obstacles]]",
+                    *_lines(obstacle, field_texts(OBSTACLES[obstacle["kind"]])),
+                    "",
+                ]
+            continue
         if section not in ("holes", "regions"):
-            left_out = [] if section == "sweep" and case.time is not None else _left_out(section, entries)
+            left_out = (
+                [] if section == "sweep" and case.time is not None else _left_out(section, entries)
+            )
             lines += [f"[{section}]", *_lines(entries, _texts(section)), *left_out, ""]
             continue
         others = {key: rule["description"] for key, rule in (MATERIAL | WETTED_HOLE).items()}
@@ -98,16 +151,25 @@ def _texts(section):
     fields = dataclasses.fields(OPTIONS[section]) if section in OPTIONS else ()
     texts |= {entry_of(f): texts[f.name] for f in fields}
     rules = {entry_of(f): f.metadata["schema"] for f in fields}
-    return {key: f"{text}: {', '.join(rules[key]['enum'])}" if "enum" in rules.get(key, ()) else text for key, text in texts.items()}
+    return {
+        key: f"{text}: {', '.join(rules[key]['enum'])}" if "enum" in rules.get(key, ()) else text
+        for key, text in texts.items()
+    }
 
 
 def _lines(entries, texts):
-    return [_commented(f"{key} = {_value(value)}", texts.get(key, "")) for key, value in entries.items()]
+    return [
+        _commented(f"{key} = {_value(value)}", texts.get(key, "")) for key, value in entries.items()
+    ]
 
 
 def _left_out(section, entries):
     fields = dataclasses.fields(OPTIONS[section]) if section in OPTIONS else ()
-    return [_commented(f"# {entry_of(f)} =", _texts(section).get(entry_of(f), "")) for f in fields if entry_of(f) not in entries]
+    return [
+        _commented(f"# {entry_of(f)} =", _texts(section).get(entry_of(f), ""))
+        for f in fields
+        if entry_of(f) not in entries
+    ]
 
 
 def _commented(line, text):

@@ -18,7 +18,7 @@ STATES = 3  # printed unless others are asked for
 
 
 def accuracy(args: Namespace) -> int:
-    """Sweep a case on clouds of several spacings, print the error bars at some states, write those of all, and draw them."""
+    """Sweep a case on several clouds; print error bars at some states, write and draw all."""
     case, say = load_case(args.case, changes(args)), printer(args)
     names = args.quantities.split(",") if args.quantities else ACCURACY
     for name in names:
@@ -35,7 +35,10 @@ def accuracy(args: Namespace) -> int:
         from ..plotting import plot_accuracy, save_figure
 
         save_figure(plot_accuracy(found)[0].figure, folder / "accuracy.png")
-    say(f"{case.name} on clouds of {', '.join(map(str, found.nodes))} nodes; values are those on {model.n_nodes}")
+    say(
+        f"{case.name} on clouds of {', '.join(map(str, found.nodes))} nodes; values are those on "
+        f"{model.n_nodes}"
+    )
     for k in states:
         say(f"{control.name} = {float(path.value[k]):.4f} {control.unit}".rstrip())
         say(f"  {'':26} {'value':>11} {'error':>10} {'extrapolated':>13} {'order':>6}")
@@ -47,7 +50,10 @@ def accuracy(args: Namespace) -> int:
         _slopes(args, case, names, folder)
     say(f"{len(path)} states in {folder}")
     if len(found.nodes) < FEWEST:
-        say(f"no error bars: they need {FEWEST} clouds, and others than these {len(found.nodes)} cannot be made; use a smaller spacing")
+        say(
+            f"no error bars: they need {FEWEST} clouds, and others than these {len(found.nodes)} "
+            "cannot be made; use a smaller spacing"
+        )
     return DONE if path.stop.ok else STOPPED
 
 
@@ -59,23 +65,35 @@ def _points(args, case, control, folder):
     say("critical points")
     say(f"  {'':26} {'value':>11} {'error':>10} {'extrapolated':>13}")
     for name, bars in found.items():
-        value, error, limit = (float(numbers[0]) for numbers in (bars.own, bars.error, bars.extrapolated))
-        say(f"  {f'{name} ({control.unit})' if control.unit else name:26} {value:11.5g} {error:10.2g} {limit:13.5g}")
+        value, error, limit = (
+            float(numbers[0]) for numbers in (bars.own, bars.error, bars.extrapolated)
+        )
+        say(
+            f"  {f'{name} ({control.unit})' if control.unit else name:26} {value:11.5g} "
+            f"{error:10.2g} {limit:13.5g}"
+        )
         rows.append([name, control.unit, value, error, limit])
     write_csv(folder / "points.csv", ["point", "unit", "value", "error", "extrapolated"], rows)
 
 
 def _slopes(args, case, names, folder):
-    """Print and write the error bars of the derivatives by the inputs that the option names, of the quantities that have some."""
-    found = slope_accuracy_of(case, args.gradient.split(","), [name for name in names if name in DIFFERENTIABLE])
+    """Print and write error bars of the derivatives by the inputs that the option names."""
+    found = slope_accuracy_of(
+        case, args.gradient.split(","), [name for name in names if name in DIFFERENTIABLE]
+    )
     say, rows = printer(args), []
     say(f"derivatives at {case.sweep.control} = {case.sweep.numbers[-1]:g}")
     say(f"  {'':44} {'value':>11} {'error':>10} {'extrapolated':>13}")
     for (name, which), bars in found.items():
-        value, error, limit = (QUANTITIES[name].scale * float(numbers[0]) for numbers in (bars.own, bars.error, bars.extrapolated))
+        value, error, limit = (
+            QUANTITIES[name].scale * float(numbers[0])
+            for numbers in (bars.own, bars.error, bars.extrapolated)
+        )
         say(f"  {f'd {name} / d {which}':44} {value:11.4g} {error:10.2g} {limit:13.4g}")
         rows.append([name, QUANTITIES[name].read_unit, which, value, error, limit])
-    write_csv(folder / "slopes.csv", ["quantity", "unit", "input", "slope", "error", "extrapolated"], rows)
+    write_csv(
+        folder / "slopes.csv", ["quantity", "unit", "input", "slope", "error", "extrapolated"], rows
+    )
 
 
 def _evenly(count):
@@ -88,4 +106,7 @@ def _line(name, bars, k):
     unit = QUANTITIES[name].read_unit
     label = f"{name} ({unit})" if unit else name
     order = f"{bars.order[k]:6.1f}" if np.isfinite(bars.order[k]) else f"{'-':>6}"
-    return f"  {label:26} {bars.own[k]:11.5g} {bars.error[k]:10.2g} {bars.extrapolated[k]:13.5g} {order}"
+    return (
+        f"  {label:26} {bars.own[k]:11.5g} {bars.error[k]:10.2g} {bars.extrapolated[k]:13.5g} "
+        f"{order}"
+    )

@@ -1,6 +1,7 @@
 """The entry point ``jaxgel``: parse, prepare the process, then import and run the command.
 
-The exit codes are in `environment`. What a run has finished is in its folder, however the command ends.
+The exit codes are in `environment`. What a run has finished is in its folder, however the command
+ends.
 """
 
 import functools
@@ -10,14 +11,22 @@ import sys
 import warnings
 
 from ..continuation import SweepFailed
-from .environment import STOPPED, UNREAD, UNUSABLE, check_jaxlib, collect_seldom, prepare_environment
+from .environment import (
+    STOPPED,
+    UNREAD,
+    UNUSABLE,
+    check_jaxlib,
+    collect_seldom,
+    prepare_environment,
+)
 from .parser import parse
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line on ``argv`` and return its exit code; jaxgel's warnings are lines of stderr.
+    """Run the command line on ``argv`` and return its exit code; warnings are lines of stderr.
 
-    By default it is the process's own, which is then prepared for JAX; a process that calls this with arguments is left as it is.
+    By default it is the process's own, which is then prepared for JAX; a process that calls this
+    with arguments is left as it is.
     """
     with warnings.catch_warnings():
         warnings.showwarning = functools.partial(_show_warning, warnings.showwarning)
@@ -41,7 +50,8 @@ def _exit_code(argv):
     except ValueError as problem:
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return UNUSABLE
-    except (SweepFailed, OSError) as problem:  # a sweep without a state; a full disk, a lost folder, a closed pipe
+    # a sweep without a state; a full disk, a lost folder, a closed pipe
+    except (SweepFailed, OSError) as problem:
         if isinstance(problem, BrokenPipeError) and _output_is_closed():
             return UNREAD
         print(f"jaxgel: error: {problem}", file=sys.stderr)
@@ -57,7 +67,10 @@ def _show_warning(show_others, message, category, *where, **options):
 
 
 def _output_is_closed():
-    """Whether the broken pipe is standard output; what is left for it is dropped then, so that Python's exit writes nothing."""
+    """Whether the broken pipe is standard output.
+
+    What is left for it is dropped then, so that Python's exit writes nothing.
+    """
     try:
         print(flush=True)
     except BrokenPipeError:

@@ -1,9 +1,10 @@
-"""The process of the command line: its exit codes, releases of jaxlib that are refused, XLA's flags, threads, and the cache of programs.
+"""The process of the command line: exit codes, refused jaxlibs, XLA's flags, threads, programs.
 
-Only this module of jaxgel sets environment variables, and only for a process of its own: as a library jaxgel leaves the process alone.
+Only this module of jaxgel sets environment variables, and only for a process of its own: as a
+library jaxgel leaves the process alone.
 
-Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the run stopped early; 130 interrupted; 141 when the reader of the
-output closes the pipe, as ``| head`` does.
+Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the run stopped early; 130
+interrupted; 141 when the reader of the output closes the pipe, as ``| head`` does.
 """
 
 import gc
@@ -25,27 +26,37 @@ CACHE = "JAXGEL_CACHE"  # variable with the folder of compiled programs, or off
 
 
 def check_jaxlib() -> None:
-    """Raise ValueError, one line, for an installed jaxlib that is known to compute wrongly or too slowly."""
+    """Raise ValueError, one line, for a jaxlib known to compute wrongly or too slowly."""
     found = version("jaxlib")
     if found in REFUSED:
         excluded = ",".join(f"!={bad}" for bad in REFUSED)
-        raise ValueError(f"jaxlib: {found} {REFUSED[found]}; pip install 'jax>=0.10.1,{excluded},<0.13' 'jaxlib>=0.10.1,{excluded},<0.13'")
+        raise ValueError(
+            f"jaxlib: {found} {REFUSED[found]}; pip install 'jax>=0.10.1,{excluded},<0.13' "
+            f"'jaxlib>=0.10.1,{excluded},<0.13'"
+        )
 
 
 def prepare_environment(cache: str | None = None) -> None:
-    """Set what JAX and Matplotlib read when they start, here and in worker processes; variables that the user has set are kept.
+    """Set what JAX and Matplotlib read when they start, here and in worker processes.
 
-    ``cache`` is the folder of compiled programs or "off", see `cache_folder`. Programs are kept there, see `keep_programs`,
-    unless it is that of ``JAX_COMPILATION_CACHE_DIR``, which users may share.
+    Variables that the user has set are kept. ``cache`` is the folder of compiled programs or "off",
+    see `cache_folder`. Programs are kept there, see `keep_programs`, unless it is that of
+    ``JAX_COMPILATION_CACHE_DIR``, which users may share.
     """
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # a GPU gains nothing on programs that the host drives, see docs/dependencies.md
+    # a GPU gains nothing on programs that the host drives, see docs/dependencies.md
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     own = os.environ.get("XLA_FLAGS", "")
-    os.environ["XLA_FLAGS"] = " ".join([own, *(flag for flag in quick_flags() if flag.split("=")[0] not in own)]).strip()
+    os.environ["XLA_FLAGS"] = " ".join(
+        [own, *(flag for flag in quick_flags() if flag.split("=")[0] not in own)]
+    ).strip()
     if (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) == 1:
-        os.environ.setdefault("NPROC", "2")  # XLA's threads: a host callback waits on one for its arguments, which another one copies
+        # XLA's threads: a host callback waits on one for its arguments, which another one copies
+        os.environ.setdefault("NPROC", "2")
     os.environ.setdefault("MPLBACKEND", "Agg")  # Matplotlib would look for a screen
-    if os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") == "1" and "JAX_LOGGING_LEVEL" not in os.environ:  # 1 is what JAX itself has set
-        os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"  # XLA writes its machine's features for every program from the cache
+    # 1 is what JAX itself has set
+    if os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") == "1" and "JAX_LOGGING_LEVEL" not in os.environ:
+        # XLA writes its machine's features for every program from the cache
+        os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"
         jax.config.update("jax_logging_level", "CRITICAL")
     folder, shared = cache_folder(cache), not cache and "JAX_COMPILATION_CACHE_DIR" in os.environ
     if folder is None:
@@ -53,8 +64,12 @@ def prepare_environment(cache: str | None = None) -> None:
     else:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"]))
-    jax.config.update("jax_enable_compilation_cache", folder is not None)  # JAX has read its variables when it was imported
+        jax.config.update(
+            "jax_persistent_cache_min_compile_time_secs",
+            float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"]),
+        )
+    # JAX has read its variables when it was imported
+    jax.config.update("jax_enable_compilation_cache", folder is not None)
     jax.config.update("jax_compilation_cache_dir", folder)
     jax.config.update("jax_platforms", os.environ["JAX_PLATFORMS"])
     KEPT.keep(None if folder is None or shared else Path(folder) / "programs")
@@ -72,7 +87,8 @@ def collect_seldom() -> None:
 def cache_folder(cache: str | None = None) -> str | None:
     """The folder of compiled programs, None for "off".
 
-    The first that is given of ``cache``, ``JAX_COMPILATION_CACHE_DIR``, ``JAXGEL_CACHE`` and the user's cache folder.
+    The first that is given of ``cache``, ``JAX_COMPILATION_CACHE_DIR``, ``JAXGEL_CACHE`` and the
+    user's cache folder.
     """
     chosen = cache or os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.environ.get(CACHE)
     if chosen == "off":
@@ -83,15 +99,19 @@ def cache_folder(cache: str | None = None) -> str | None:
 
 
 def prepare_worker(threads: int, programs: Path | None) -> None:
-    """What a worker process does first: so many ``threads`` for XLA, which reads the variable when it starts; folder of kept programs."""
+    """Initialiser of a worker: ``threads`` for XLA, before it starts; folder of kept programs."""
     os.environ["NPROC"] = str(threads)
     KEPT.keep(programs)
 
 
 def quick_flags(found: str | None = None) -> list[str]:
-    """XLA's flags under which jaxgel's programs compile in half the time and run as fast, for the jaxlib ``found``.
+    """XLA's flags that halve the compile time at equal speed, for the jaxlib ``found``.
 
-    Releases after 0.10 have no other emitters left to choose, and end the process at a flag that they do not know.
+    Releases after 0.10 have no other emitters left to choose, and end the process at an unknown
+    flag.
     """
     found = version("jaxlib") if found is None else found
-    return ["--xla_backend_optimization_level=2", *(["--xla_cpu_use_fusion_emitters=false"] if found.startswith("0.10.") else [])]
+    return [
+        "--xla_backend_optimization_level=2",
+        *(["--xla_cpu_use_fusion_emitters=false"] if found.startswith("0.10.") else []),
+    ]

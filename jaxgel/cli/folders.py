@@ -5,9 +5,28 @@ from argparse import Namespace
 from pathlib import Path as File
 
 from .._validation import one_of, read_toml
-from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
+from ..cases import (
+    OutputOptions,
+    from_table,
+    load_case,
+    load_path,
+    other_versions,
+    resumed,
+    resumed_map,
+    resumed_study,
+    write_page,
+)
 from ..geometry import frame_of, reference_plate
-from ..io import FORMATS, dry_gel, dry_regions, load_run, open_folder, swollen_gel, write_mask, write_outline
+from ..io import (
+    FORMATS,
+    dry_gel,
+    dry_regions,
+    load_run,
+    open_folder,
+    swollen_gel,
+    write_mask,
+    write_outline,
+)
 from ..io import export as write_netcdf
 from ..materials import WithHoles
 from ..observables import state_at
@@ -32,11 +51,14 @@ def plot(args: Namespace) -> int:
 
 
 def resume(args: Namespace) -> int:
-    """``jaxgel resume``: continue what was interrupted in a folder, a run, a design or a map by the file that it holds."""
+    """``jaxgel resume``: continue the interrupted run, design or map of a folder."""
     known = (DESIGN, STARTS, MAP, RUN)
     kind = next((name for name in known if (File(args.folder) / name).is_file()), None)
     if kind is None:
-        text = f"holds none of {', '.join(known)}; expected a folder written by jaxgel run, design or map"
+        text = (
+            f"holds none of {', '.join(known)}; expected a folder written by jaxgel run, design "
+            "or map"
+        )
         raise ValueError(f"folder: {args.folder!r} {text}")
     if kind in (DESIGN, STARTS):
         return run_design(resumed_study(args.folder), args.folder, args, resume=True)
@@ -50,9 +72,10 @@ def resume(args: Namespace) -> int:
 
 
 def outline(args: Namespace) -> int:
-    """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``, its control.
+    """``jaxgel outline``: write the outline of a case or a run.
 
-    ValueError for a value beyond the ends of the run. Beside a dry outline it writes the masks of a printed gel.
+    Dry or, of a run, at the accepted state nearest to ``--mu``, its control. ValueError for a value
+    beyond the ends of the run. Beside a dry outline it writes the masks of a printed gel.
     """
     one_of("--format", args.format, FORMATS)
     for name, value in (("--height", args.height), ("--pixels-per-mm", args.pixels_per_mm)):
@@ -63,16 +86,22 @@ def outline(args: Namespace) -> int:
     case, regions = None, []
     if args.mu is not None:
         if not File(args.source).is_dir():
-            raise ValueError(f"--mu/--at: {args.source!r} is a case; the states at some mu are in a run's folder")
+            raise ValueError(
+                f"--mu/--at: {args.source!r} is a case; the states at some mu are in a run's folder"
+            )
         path = load_path(args.source)
         name, gel = File(args.source).name, swollen_gel(path, state_at(path, args.mu))
     else:
         summary = load_run(args.source).summary if File(args.source).is_dir() else None
-        case = from_table(summary["options"], summary["case"]) if summary else load_case(args.source)
+        case = (
+            from_table(summary["options"], summary["case"]) if summary else load_case(args.source)
+        )
         name, gel, regions = case.name, dry_gel(case.plate), dry_regions(case.plate)
     file = File(args.out or f"{name}.{args.format}")
     if case is not None and File(args.source).is_file():
-        _check_inputs_kept(File(args.source), [file, *(_beside(file, name) for name in case.pictures())])
+        _check_inputs_kept(
+            File(args.source), [file, *(_beside(file, name) for name in case.pictures())]
+        )
     print(write_outline(gel, file, args.height, args.pixels_per_mm, regions))
     for mask in _masks(case, file, args.pixels_per_mm) if case else ():
         print(mask)
@@ -80,11 +109,13 @@ def outline(args: Namespace) -> int:
 
 
 def _check_inputs_kept(source, written):
-    """Refuse an outline or mask that would take the place of a picture or drawing that the case file ``source`` reads."""
+    """Refuse an outline or mask in the place of a file that the case ``source`` reads."""
     read = {(source.parent / name).resolve() for name in _files_in(read_toml(source, "case"))}
     replaced = next((file for file in written if file.resolve() in read), None)
     if replaced is not None:
-        raise ValueError(f"--out: {str(replaced)!r} is a file that the case reads; give another name")
+        raise ValueError(
+            f"--out: {str(replaced)!r} is a file that the case reads; give another name"
+        )
 
 
 def _files_in(entry):
@@ -103,11 +134,19 @@ def _beside(file, name):
 def _masks(case, file, pixels_per_mm):
     """Write the pictures of a case's gel beside ``file``; their paths."""
     plate, pictures = case.plate, case.pictures()
-    follows = plate.reference is not None and any(isinstance(field, WithHoles) for field, *_ in pictures.values())
+    follows = plate.reference is not None and any(
+        isinstance(field, WithHoles) for field, *_ in pictures.values()
+    )
     cloud = case.cloud().at(plate) if follows else None
     for name, (field, low, high) in pictures.items():
         frame = frame_of(reference_plate(plate))  # that of the drawing
-        options = {"low": low, "high": high, "pixels_per_mm": pixels_per_mm, "cloud": cloud, "frame": frame}
+        options = {
+            "low": low,
+            "high": high,
+            "pixels_per_mm": pixels_per_mm,
+            "cloud": cloud,
+            "frame": frame,
+        }
         yield write_mask(field, (plate.width, plate.height), _beside(file, name), **options)
 
 

@@ -35,7 +35,10 @@ def run(args: Namespace) -> int:
     folder = open_folder(args.out or File("out") / case.name)
     say = printer(args)
     model = case.model()
-    say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {model.basis} basis")
+    say(
+        f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, "
+        f"{model.basis} basis"
+    )
     recorder = recorder_of(folder, case, case.problem(model))
     for line in recorder.resolution.warnings:
         print(f"jaxgel: warning: {line}", file=sys.stderr)
@@ -47,8 +50,13 @@ def run_recorded(recorder: Recorder, args: Namespace) -> int:
     """Compute what is left of a case, draw and report; the exit code."""
     say, output = printer(args), recorder.case.output
     if recorder.notes.get("t_resolved"):
-        say(f"the boundary layer is resolved from {_time(recorder, recorder.notes['t_resolved'])} on")
-    output = dataclasses.replace(output, figures=False, animation=False) if args.no_plots else output
+        say(
+            f"the boundary layer is resolved from {_time(recorder, recorder.notes['t_resolved'])} "
+            "on"
+        )
+    output = (
+        dataclasses.replace(output, figures=False, animation=False) if args.no_plots else output
+    )
     try:
         path = _computed(recorder, args.quiet)
     except KeyboardInterrupt:
@@ -68,9 +76,12 @@ def run_recorded(recorder: Recorder, args: Namespace) -> int:
 
 
 def _computed(recorder, quiet):
-    """The path of a case, recorded and shown while it grows, from the steps on that the recorder has."""
+    """The path of a case, recorded and shown while it grows, from the recorder's last step on."""
     done = [state.value for state in recorder.steps]
-    with Progress(quiet=quiet, done=done, **_way(recorder)) as progress, interruptible() as stop_if_asked:
+    with (
+        Progress(quiet=quiet, done=done, **_way(recorder)) as progress,
+        interruptible() as stop_if_asked,
+    ):
 
         def on_step(step):
             progress.show(step)  # before the table, whose programs take a second to load
@@ -83,8 +94,11 @@ def _computed(recorder, quiet):
 
 @contextlib.contextmanager
 def watched(turns: Sequence[float], control: Control, quiet: bool) -> Iterator[Observer]:
-    """An observer of a search along a ``control``, which shows its progress and by which Ctrl-C ends it."""
-    with Progress(turns, quiet, name=control.name, unit=control.unit) as progress, interruptible() as stop_if_asked:
+    """An observer of a search along a ``control``: progress, and an end by Ctrl-C."""
+    with (
+        Progress(turns, quiet, name=control.name, unit=control.unit) as progress,
+        interruptible() as stop_if_asked,
+    ):
 
         def accepted(state):
             progress.show(state)
@@ -99,7 +113,11 @@ def _way(recorder):
     if case.time is None:
         return control | {"turns": case.sweep.turns}
     times = case.times(recorder.problem)
-    return control | {"turns": (0.0, times[-1]), "scale": lambda t: math.log1p(t / times[0]), "digits": ".4g"}
+    return control | {
+        "turns": (0.0, times[-1]),
+        "scale": lambda t: math.log1p(t / times[0]),
+        "digits": ".4g",
+    }
 
 
 def _time(recorder, t):
@@ -107,16 +125,33 @@ def _time(recorder, t):
 
 
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
-    """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
+    """Write figures, animation and ParaView files of a path by `sections.OutputOptions`.
+
+    They go into a folder; ``table`` is the history.
+    """
     from ..io import write_series
 
     if output.paraview:
         write_series(path, folder, table=table)
     if not (output.figures or output.animation):
         return  # without importing Matplotlib
-    from ..plotting import add_warning, animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
+    from ..plotting import (
+        add_warning,
+        animate_pattern,
+        plot_curves,
+        plot_gel,
+        plot_patterns,
+        save_figure,
+    )
 
-    figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}
+    figures = (
+        {
+            "pattern.png": lambda: plot_patterns(path),
+            "curves.png": lambda: plot_curves(path, table=table),
+        }
+        if output.figures
+        else {}
+    )
     if output.figures and varies(path.gel):
         figures["gel.png"] = lambda: plot_gel(path)
     coarse = resolution(path.model.cloud).warnings
@@ -135,30 +170,43 @@ def _report(recorder, say):
     k, name, unit = len(recorder.records), recorder.control.name, recorder.control.unit
     wide, digits = max(8, len(name)), ".4f" if recorder.case.time is None else ".4g"
     if k:
-        say(f"{name:>{wide}} {'free str.':>9} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
-        say(f"{unit:>{wide}} {'':>9} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
+        say(
+            f"{name:>{wide}} {'free str.':>9} {'rotation':>9} {'core':>8} {'area red.':>9} "
+            f"{'J mean':>7} {'gap':>7}  status"
+        )
+        say(
+            f"{unit:>{wide}} {'':>9} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} "
+            f"{recorder.model.cloud.topology.plate.unit:>7}"
+        )
     left = _after_jumps(table["switched"]) if k else []
     for i in np.unique(np.linspace(0, k - 1, min(k, ROWS_MAX)).round().astype(int)) if k else ():
         row = {name: column[i] for name, column in table.items()}
         marks = (", unstable" if row["negative_pivots"] else "") + left[i]
         say(
-            f"{row[name]:{wide}{digits}} {row['free_stretch']:9.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
-            f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  {row['status']}{marks}"
+            f"{row[name]:{wide}{digits}} {row['free_stretch']:9.4f} {row['rotation_deg']:9.3f} "
+            f"{row['core_rotation_deg']:8.3f}"
+            f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  "
+            f"{row['status']}{marks}"
         )
     for event in events(table):
         say(f"{event['event']}: {event['text']}")
     for symmetry, count in collections.Counter(state.symmetry for state in recorder.steps).items():
         if symmetry not in ("", NAMES[()]):
-            say(f"{count} states have the symmetry {symmetry} and were found on a part of the plate")
+            say(
+                f"{count} states have the symmetry {symmetry} and were found on a part of the plate"
+            )
     resolved = recorder.notes.get("t_resolved")
     early = sum(0 < state.value < resolved for state in recorder.steps) if resolved else 0
     if early:
-        say(f"{early} states are before {_time(recorder, resolved)}: their uptake is an estimate, a finer cloud has it right sooner")
+        say(
+            f"{early} states are before {_time(recorder, resolved)}: their uptake is an estimate, "
+            "a finer cloud has it right sooner"
+        )
     say(f"{k} states in {recorder.folder}")
 
 
 def _after_jumps(switched):
-    """What is said of every state that lies beyond a change of branch, by why the states do not continue those before; "" of the others."""
+    """Note on every state beyond a change of branch, by its reason; "" for the others."""
     said, marks = "", []
     for reason in switched:
         marks.append(said)
@@ -174,13 +222,16 @@ def equilibrium_case(args: Namespace, command: str) -> Case:
 
 
 def critical(args: Namespace) -> int:
-    """``jaxgel critical``: locate the bifurcations and folds of a case's symmetric branch, and draw their modes."""
+    """``jaxgel critical``: locate and draw bifurcations and folds of the symmetric branch."""
     case = equilibrium_case(args, "critical")
     folder = open_folder(args.out or File("out") / f"{case.name}-critical")
     say, model = printer(args), case.model()
     control, (first, last) = case.problem(model).control, case.sweep.ends
     name = control.name
-    say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from {name} = {first:g} to {last:g}")
+    say(
+        f"{case.name}: {len(model.cloud.nodes)} nodes, searching from {name} = {first:g} to "
+        f"{last:g}"
+    )
     unit = f" {control.unit}".rstrip()
     with watched((first, last), control, args.quiet) as observer:
         points = case.critical_points(model, most=args.most, observer=observer)
@@ -198,7 +249,7 @@ def critical(args: Namespace) -> int:
 
 
 def loop(args: Namespace) -> int:
-    """``jaxgel loop``: a case's stable branch up and down, its jumps, and the unstable branch between them."""
+    """``jaxgel loop``: a case's stable branch up and down, its jumps and its unstable branch."""
     case, say = equilibrium_case(args, "loop"), printer(args)
     one_of("quantity", args.quantity, OF_POSITIONS)
     folder = open_folder(args.out or File("out") / f"{case.name}-loop")
@@ -230,26 +281,46 @@ def check_grad(args: Namespace) -> int:
     except ArithmeticError as problem:
         print(f"jaxgel: {problem}", file=sys.stderr)
         return STOPPED
-    columns = ("objective", "family", "slope", "difference quotient", "remainder at h = 1", "remainder at h = 0.5", "rate")
-    table = [[row.objective, row.family, row.slope, row.difference, *row.remainders, f"{row.rate:.4f}"] for row in rows]
+    columns = (
+        "objective",
+        "family",
+        "slope",
+        "difference quotient",
+        "remainder at h = 1",
+        "remainder at h = 0.5",
+        "rate",
+    )
+    table = [
+        [row.objective, row.family, row.slope, row.difference, *row.remainders, f"{row.rate:.4f}"]
+        for row in rows
+    ]
     write_csv(folder / "check-grad.csv", columns, table)
     say = printer(args)
-    say(f"{'objective':<15} {'family':<16} {'slope':>11} {'difference':>11}  {'remainder at h = 1, 1/2':<22} {'rate':>6}")
+    say(
+        f"{'objective':<15} {'family':<16} {'slope':>11} {'difference':>11}  "
+        f"{'remainder at h = 1, 1/2':<22} {'rate':>6}"
+    )
     for row in rows:
         remainders = " ".join(f"{r:9.2e}" for r in row.remainders)
-        say(f"{row.objective:<15} {row.family:<16} {row.slope:11.4e} {row.difference:11.4e}  {remainders:<22} {row.rate:6.3f}")
+        say(
+            f"{row.objective:<15} {row.family:<16} {row.slope:11.4e} {row.difference:11.4e}  "
+            f"{remainders:<22} {row.rate:6.3f}"
+        )
     left_out = [name for name in OBJECTIVES if name not in {row.objective for row in rows}]
     if left_out:
         say(f"left out, without a value or a derivative at the last state: {', '.join(left_out)}")
     failed = [f"{row.objective} by {row.family}" for row in rows if not row.ok]
     if failed:
         print(
-            f"jaxgel: the remainder does not fall as h^2, nor is the derivative the difference quotient: {', '.join(failed)}",
+            (
+                "jaxgel: the remainder does not fall as h^2, nor is the derivative the "
+                f"difference quotient: {', '.join(failed)}"
+            ),
             file=sys.stderr,
         )
     return STOPPED if failed else DONE
 
 
 def printer(args: Namespace) -> Callable:
-    """`print`, or a function that prints nothing where the command is to be quiet."""
+    """`print`, or a function that prints nothing if the command is to be quiet."""
     return (lambda *_: None) if args.quiet else print

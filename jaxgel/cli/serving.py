@@ -11,13 +11,17 @@ from .environment import DONE
 from .runs import printer
 
 MODEL = "forward"  # name of the function, as in UM-Bridge's own examples
-RECENT = 4  # points whose paths and derivatives are kept: a client asks for value and derivatives of one point in several calls
+# points whose paths and derivatives are kept: a client asks for value and derivatives of one point
+# in several calls
+RECENT = 4
 
 
 def serve(args: Namespace) -> int:
     """Answer UM-Bridge's calls until Ctrl-C."""
     study, say = load_parameters(args.study), printer(args)
-    response = Response(study, study.case.cloud(), args.quantities.split(",") if args.quantities else RESPONSES)
+    response = Response(
+        study, study.case.cloud(), args.quantities.split(",") if args.quantities else RESPONSES
+    )
     with um_bridge_server(served(response), args.host, args.port) as server:
         say(f"{study.name}: {', '.join(study.names)} -> {', '.join(response.quantities)}")
         say(f"UM-Bridge model {MODEL!r} at http://{args.host}:{server.server_port}; Ctrl-C ends it")

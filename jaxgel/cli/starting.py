@@ -1,4 +1,4 @@
-"""Commands with which work starts: the built-in cases, a case file to change, the schema."""
+"""Commands to start with: built-in cases, a case file to edit, the schema."""
 
 import json
 from argparse import Namespace
@@ -9,18 +9,27 @@ from .environment import DONE
 
 
 def init(args: Namespace) -> int:
-    """``jaxgel init``: a commented case file to start from, with an example's or a built-in case's numbers."""
+    """``jaxgel init``: a commented case file with an example's or a built-in case's numbers."""
     for name, given in (("--regions", args.regions), ("--time", args.time)):
         if given and args.sample is not None:
-            raise ValueError(f"{name}: it belongs to the example, not to --from {args.sample}; leave one of the two out")
-    case = example(regions=args.regions, in_time=args.time) if args.sample is None else load_case(args.sample)
+            raise ValueError(
+                f"{name}: it belongs to the example, not to --from {args.sample}; leave one of "
+                "the two out"
+            )
+    case = (
+        example(regions=args.regions, in_time=args.time)
+        if args.sample is None
+        else load_case(args.sample)
+    )
     text = case_text(case if args.sample is None else explicit(case))
     file = Path(f"{args.name or args.sample or 'case'}.toml".replace(".toml.toml", ".toml"))
     try:
         with file.open("x", encoding="utf-8") as stream:
             stream.write(text)
     except FileExistsError:
-        raise ValueError(f"name: {str(file)!r} is there already; remove it or choose another name") from None
+        raise ValueError(
+            f"name: {str(file)!r} is there already; remove it or choose another name"
+        ) from None
     except OSError as problem:
         raise ValueError(f"name: cannot write {str(file)!r}: {problem.strerror}") from None
     print(f"wrote {file}; jaxgel run {file} swells it")
@@ -40,6 +49,13 @@ def list_samples(_: Namespace) -> int:
         plate, gel = case.plate, case.gel
         kinds = sorted({type(hole).__name__.lower() for hole in plate.holes})
         holes = f"{len(plate.holes)} holes ({', '.join(kinds)})" if kinds else "no hole"
-        bath = f"; from mu = {case.sweep.mu_start:g} in a bath of {case.bath.mu:g} kT" if case.time else ""
-        print(f"{name:13s} {plate.width:g} x {plate.height:g} {plate.unit}, {holes}, Nv {gel.Nv:g}, chi {gel.chi:g}{bath}")
+        bath = (
+            f"; from mu = {case.sweep.mu_start:g} in a bath of {case.bath.mu:g} kT"
+            if case.time
+            else ""
+        )
+        print(
+            f"{name:13s} {plate.width:g} x {plate.height:g} {plate.unit}, {holes}, Nv {gel.Nv:g}, "
+            f"chi {gel.chi:g}{bath}"
+        )
     return DONE

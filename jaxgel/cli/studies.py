@@ -17,13 +17,26 @@ from ..io import Workers, dask_executor, open_folder
 from .environment import DONE, INTERRUPTED, STOPPED, prepare_worker
 from .runs import printer
 
-CALLS_EACH = 50  # points of a map, or searches, in one process: the memory of a process grows with the number of its plates
-GRADIENT_THREADS = 2  # of XLA: a host callback waits on one for its arguments, which another one copies
-SHOWN = ("start", "start_value", "best_value", "feasible", "outcome", "evaluations", "distance", "reason")  # columns of starts.csv
+# points of a map, or searches, in one process: the memory of a process grows with the number of its
+# plates
+CALLS_EACH = 50
+# of XLA: a host callback waits on one for its arguments, which another one copies
+GRADIENT_THREADS = 2
+# columns of starts.csv
+SHOWN = (
+    "start",
+    "start_value",
+    "best_value",
+    "feasible",
+    "outcome",
+    "evaluations",
+    "distance",
+    "reason",
+)
 
 
 def design(args: Namespace) -> int:
-    """``jaxgel design``: search the best holes of a study, verify them, and write the study's folder."""
+    """``jaxgel design``: search the best holes of a study, verify them, write its folder."""
     study = load_study(args.study)
     return run_design(study, args.out or File("out") / study.name, args)
 
@@ -34,7 +47,9 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
     workers = _workers(args, GRADIENT_THREADS) if study.starts > 1 else contextlib.nullcontext()
     try:
         with workers as executor:
-            found, verified = run_study(study, open_folder(folder), executor=executor, resume=resume, quiet=args.quiet)
+            found, verified = run_study(
+                study, open_folder(folder), executor=executor, resume=resume, quiet=args.quiet
+            )
     except KeyboardInterrupt:
         verified = None
     if verified is None:
@@ -44,9 +59,12 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
         say(_optima(File(folder) / OPTIMA))
     say(f"{study.name}: {len(found.history)} evaluations; {found.text}")
     for name, value in found.parameters.items():
-        say(
-            f"{name:<12} {_field_text(study, name, value) if name in study.fields else np.array2string(value, precision=4, separator=', ')}"
+        text = (
+            _field_text(study, name, value)
+            if name in study.fields
+            else np.array2string(value, precision=4, separator=", ")
         )
+        say(f"{name:<12} {text}")
     for name in ("start", "best"):
         v = verified[name]
         value = "none" if v["value"] is None else f"{v['value']:.6g}{_bar(v, 'value')}"
@@ -55,7 +73,10 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
         own = {key: verified[key]["reported"][name] for key in ("start", "best")}
         start, best = ("none" if number is None else f"{number:.6g}" for number in own.values())
         bar = _bar(verified["best"], "reported", name)
-        say(f"{name:<12} {value:.6g} in the search; on a fresh cloud {best}{bar}, at the start {start}")
+        say(
+            f"{name:<12} {value:.6g} in the search; on a fresh cloud {best}{bar}, at the start "
+            f"{start}"
+        )
     if "as_made" in verified:
         say(_as_made(verified["as_made"]))
     say(f"results in {folder}")
@@ -68,7 +89,11 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
 
 def _bar(found, *keys):
     """The error bar of a number of a verification, as text; empty if there is none."""
-    bar = functools.reduce(lambda table, key: table[key], keys, found["errors"]) if "errors" in found else None
+    bar = (
+        functools.reduce(lambda table, key: table[key], keys, found["errors"])
+        if "errors" in found
+        else None
+    )
     return "" if bar is None else f" +- {bar:.2g}"
 
 
@@ -85,7 +110,10 @@ def _field_text(study, name, parameters):
     """What a field that was found is like, in a line."""
     of, field = study.fields[name]
     values = np.asarray(field.values(parameters))
-    return f"{of}: {values.shape[0]} x {values.shape[1]} pixels of {values.min():.4g} ... {values.max():.4g}, see best.toml and {of}.png"
+    return (
+        f"{of}: {values.shape[0]} x {values.shape[1]} pixels of {values.min():.4g} ... "
+        f"{values.max():.4g}, see best.toml and {of}.png"
+    )
 
 
 def _optima(file):
@@ -93,26 +121,45 @@ def _optima(file):
     with file.open(newline="") as stream:
         rows = [{key: row[key] for key in SHOWN} for row in csv.DictReader(stream)]
     for row in rows:
-        row |= {key: f"{float(row[key]):.6g}" for key in ("start_value", "best_value", "distance") if row[key]}
-    lines = [[key.replace("_", " ") for key in SHOWN], *([row[key] or "-" for key in SHOWN] for row in rows)]
+        row |= {
+            key: f"{float(row[key]):.6g}"
+            for key in ("start_value", "best_value", "distance")
+            if row[key]
+        }
+    lines = [
+        [key.replace("_", " ") for key in SHOWN],
+        *([row[key] or "-" for key in SHOWN] for row in rows),
+    ]
     widths = [max(len(word) for word in column) for column in zip(*lines, strict=True)]
-    return "\n".join("  ".join([*(f"{w:>{n}}" for w, n in zip(line[:-1], widths, strict=False)), line[-1]]) for line in lines)
+    return "\n".join(
+        "  ".join([*(f"{w:>{n}}" for w, n in zip(line[:-1], widths, strict=False)), line[-1]])
+        for line in lines
+    )
 
 
 def map_points(args: Namespace) -> int:
-    """``jaxgel map``: sweep the points of a study on the processes of this machine or of a cluster."""
+    """``jaxgel map``: sweep the points of a study on this machine or a cluster."""
     study = load_map(args.study)
     return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)[0]
 
 
 def _workers(args, threads):
-    """Context with the executor that the options ask for; ``threads`` are those of a process on this machine."""
+    """Context with the executor that the options ask for.
+
+    ``threads`` are those of a process on this machine.
+    """
     if args.scheduler:
         return dask_executor(args.scheduler)
-    return Workers(args.workers or usable_cores(), functools.partial(prepare_worker, threads, KEPT.root), CALLS_EACH)
+    return Workers(
+        args.workers or usable_cores(),
+        functools.partial(prepare_worker, threads, KEPT.root),
+        CALLS_EACH,
+    )
 
 
-def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> tuple[int, list[dict]]:
+def run_points(
+    study: MapStudy, folder: File | str, args: Namespace, resume: bool
+) -> tuple[int, list[dict]]:
     """Run the points of a map and report; the exit code, and the rows of points.csv."""
     try:
         with _workers(args, GRADIENT_THREADS if study.gradients else 1) as executor:
@@ -121,7 +168,10 @@ def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: boo
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
         return INTERRUPTED, []
     counts = collections.Counter(row["status"] for row in rows)
-    text = f"{len(rows)} points: {', '.join(f'{n} {status}' for status, n in counts.items())}; see {File(folder) / TABLE}"
+    text = (
+        f"{len(rows)} points: {', '.join(f'{n} {status}' for status, n in counts.items())}; see "
+        f"{File(folder) / TABLE}"
+    )
     complete = counts["complete"] == len(rows)
     printer(args)(text) if complete else print(f"jaxgel: {text}", file=sys.stderr)
     return (DONE if complete else STOPPED), rows
@@ -135,9 +185,14 @@ def paper(args: Namespace) -> int:
 
     say = printer(args)
     try:
-        failed = run_paper(args.items, args.out, quiet=args.quiet, say=say, after_item=jax.clear_caches)
+        failed = run_paper(
+            args.items, args.out, quiet=args.quiet, say=say, after_item=jax.clear_caches
+        )
     except KeyboardInterrupt:
-        print(f"jaxgel: interrupted; finished items are in {args.out}, jaxgel paper goes on", file=sys.stderr)
+        print(
+            f"jaxgel: interrupted; finished items are in {args.out}, jaxgel paper goes on",
+            file=sys.stderr,
+        )
         return INTERRUPTED
     say(f"report in {File(args.out) / REPORT}")
     if failed:

@@ -7,7 +7,14 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import did_you_mean
-from ..cases import RESPONSES, load_case, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
+from ..cases import (
+    RESPONSES,
+    load_case,
+    sampled_deviations,
+    uncertain_inputs,
+    uncertain_samples,
+    uncertainty_of,
+)
 from ..io import open_folder, write_csv, write_json
 from ..observables import QUANTITIES
 from ..verification import Uncertainty
@@ -20,14 +27,20 @@ SHOWN = 6  # inputs of the printed table
 
 
 def uncertainty(args: Namespace) -> int:
-    """Propagate the standard deviations of the inputs of a case, print, write and draw them, and check them by samples if asked."""
+    """Propagate the standard deviations of a case's inputs; check them by samples if asked.
+
+    They are printed, written and drawn.
+    """
     case, say = load_case(args.case, changes(args)), printer(args)
     inputs = uncertain_inputs(case, dict(map(_entry, args.uncertain)) if args.uncertain else None)
     names = args.quantities.split(",") if args.quantities else list(RESPONSES)
     folder = open_folder(args.out or File("out") / f"{case.name}-uncertainty")
     found = uncertainty_of(case, inputs, names)
     last = f"{case.sweep.control} = {case.sweep.numbers[-1]:g}"
-    say(f"{case.name} at {last}: {len(found.inputs)} uncertain inputs, standard deviations to first order")
+    say(
+        f"{case.name} at {last}: {len(found.inputs)} uncertain inputs, standard deviations to "
+        "first order"
+    )
     for name in names:
         say(_line(found, name))
     _write(found, folder, case.table())
@@ -57,18 +70,27 @@ def _line(found: Uncertainty, name: str):
     ranked = found.ranked(name)
     parts = ", ".join(f"{inp} {100 * share:.0f} %" for inp, share in ranked[:SHOWN])
     rest = f", {len(ranked) - SHOWN} others" if len(ranked) > SHOWN else ""
-    return f"  {name:16} {scale * found.values[k]:.5g} +- {scale * found.deviations[k]:.2g}{unit}; of the variance: {parts or 'none'}{rest}"
+    return (
+        f"  {name:16} {scale * found.values[k]:.5g} +- {scale * found.deviations[k]:.2g}{unit}; "
+        f"of the variance: {parts or 'none'}{rest}"
+    )
 
 
 def _write(found, folder, options):
-    """uncertainty.csv with a row for every quantity and input, uncertainty.json with the deviations."""
+    """uncertainty.csv with a row for every quantity and input, uncertainty.json."""
     rows = []
     for k, name in enumerate(found.names):
         scale = QUANTITIES[name].scale
         for i, inp in enumerate(found.inputs):
             slope, part = scale * found.slopes[k, i], scale * found.contributions[k, i]
-            rows.append([name, QUANTITIES[name].read_unit, inp, found.input_deviations[i], slope, part])
-    write_csv(folder / "uncertainty.csv", ["quantity", "unit", "input", "input deviation", "slope", "contribution"], rows)
+            rows.append(
+                [name, QUANTITIES[name].read_unit, inp, found.input_deviations[i], slope, part]
+            )
+    write_csv(
+        folder / "uncertainty.csv",
+        ["quantity", "unit", "input", "input deviation", "slope", "contribution"],
+        rows,
+    )
     numbers = {
         name: {
             "value": float(v * QUANTITIES[name].scale),
@@ -81,21 +103,33 @@ def _write(found, folder, options):
 
 
 def _sampled(args, case, inputs, names, found, folder):
-    """Sweep samples of the inputs on all cores and print their deviations beside those to first order; the exit code."""
+    """Sweep samples of the inputs and print their deviations beside first order; the exit code."""
     unknown = [name for name in names if QUANTITIES[name].column is None]
     if unknown:
         known = [q.name for q in QUANTITIES.values() if q.column]
-        raise ValueError(f"quantities: {unknown[0]!r} is in no column of history.csv, samples have none; {did_you_mean(unknown[0], known)}")
+        raise ValueError(
+            f"quantities: {unknown[0]!r} is in no column of history.csv, samples have none; "
+            f"{did_you_mean(unknown[0], known)}"
+        )
     study = uncertain_samples(case, inputs, args.samples)
-    code, rows = run_points(study, folder / "samples", args, resume=(folder / "samples" / "map.json").exists())
+    code, rows = run_points(
+        study, folder / "samples", args, resume=(folder / "samples" / "map.json").exists()
+    )
     if code == INTERRUPTED:
         return code
     sampled = sampled_deviations(rows, {name: QUANTITIES[name].column for name in names})
     for k, name in enumerate(names):
         mean, deviation, count = sampled[name]
         scale = QUANTITIES[name].scale
-        ratio = f"{found.deviations[k] / deviation:.3f}" if np.isfinite(deviation) and deviation > 0 else "-"
-        printer(args)(f"  {name:16} {scale * mean:.5g} +- {scale * deviation:.2g} over {count} samples; first order over samples {ratio}")
+        ratio = (
+            f"{found.deviations[k] / deviation:.3f}"
+            if np.isfinite(deviation) and deviation > 0
+            else "-"
+        )
+        printer(args)(
+            f"  {name:16} {scale * mean:.5g} +- {scale * deviation:.2g} over {count} samples; "
+            f"first order over samples {ratio}"
+        )
     if code != DONE:
         print("jaxgel: some samples did not end; points.csv says why", file=sys.stderr)
     return code

@@ -1,4 +1,4 @@
-"""The command waves."""
+"""The command ``jaxgel waves``: Bloch waves and the onset of an infinite lattice."""
 
 import dataclasses
 from argparse import Namespace
@@ -19,10 +19,16 @@ def waves(args: Namespace) -> int:
     cell = case.plate if varies(case.gel) else primitive_cell(case.plate)
     folder = open_folder(args.out or File("out") / f"{case.name}-waves")
     if cell is not case.plate:
-        say(f"{case.name} consists of equal cells, {cell.width:g} x {cell.height:g} {cell.unit}, one of which is looked at")
+        say(
+            f"{case.name} consists of equal cells, {cell.width:g} x {cell.height:g} {cell.unit}, "
+            "one of which is looked at"
+        )
     case = dataclasses.replace(case, plate=cell)
     model, (first, last) = case.model(), case.sweep.ends
-    say(f"{case.name}: {model.n_nodes} nodes, mu from {first:g} to {last:g}, {args.divisions} divisions of the zone")
+    say(
+        f"{case.name}: {model.n_nodes} nodes, mu from {first:g} to {last:g}, {args.divisions} "
+        "divisions of the zone"
+    )
     onset = lattice_onset(Problem(model, case.gel), (first, last), divisions=args.divisions)
     say("every wave is stable" if onset is None else f"mu = {float(onset.mu):.7f}: {onset.text}")
     write_waves(onset, folder, case.table())
@@ -34,13 +40,22 @@ def waves(args: Namespace) -> int:
 def _check(case):
     """ValueError for what the command does not do, before anything is computed."""
     if case.sweep.control != "mu":
-        raise ValueError(f"sweep.control: {case.sweep.control!r} is not accepted here, waves are looked for along mu")
+        raise ValueError(
+            f"sweep.control: {case.sweep.control!r} is not accepted here, waves are looked for "
+            "along mu"
+        )
     if case.loads.body_force or case.loads.traction:
         raise ValueError("loads: are not accepted here, waves are those of a cell without loads")
     if case.sweep.imperfection:
-        raise ValueError(f"sweep.imperfection: {case.sweep.imperfection:g} is not accepted here, waves are those of a perfect lattice")
+        raise ValueError(
+            f"sweep.imperfection: {case.sweep.imperfection:g} is not accepted here, waves are "
+            "those of a perfect lattice"
+        )
     if case.plate.kinematics != "plane strain":
-        raise ValueError(f"plate.kinematics: {case.plate.kinematics!r} is not accepted here; see jaxgel.lattice_onset")
+        raise ValueError(
+            f"plate.kinematics: {case.plate.kinematics!r} is not accepted here; see "
+            "jaxgel.lattice_onset"
+        )
 
 
 def _draw(onset, model, folder):

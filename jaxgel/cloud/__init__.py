@@ -1,5 +1,6 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
+from .._deprecated import old_names
 from .cells import SLIVER, partition
 from .checks import refuse_ligament
 from .clearance import CLEARANCE
@@ -40,3 +41,5 @@ __all__ = [
     "signed_areas",
     "thin_plate_matrix",
 ]
+
+__getattr__ = old_names(__name__)

@@ -1,8 +1,9 @@
-"""The node cloud: a topology built once for a reference plate, and its smooth placement on a plate whose holes have moved.
+"""The node cloud: topology of a reference plate, and its smooth placement on a moved plate.
 
-Nodes are the background grid points strictly outside the holes and points on the hole outlines. Every vertex of the integration
-cells is placed by the plate: outline vertices by the hole's parametrisation, vertices cut by a grid line stay on their outline
-segment, all others follow a thin-plate morph of the boundary's displacement. So positions are a pure function of the hole
+Nodes are the background grid points strictly outside the holes and points on the hole outlines.
+Every vertex of the integration cells is placed by the plate: outline vertices by the hole's
+parametrisation, vertices cut by a grid line stay on their outline segment, all others follow a
+thin-plate morph of the boundary's displacement. So positions are a pure function of the hole
 parameters while all lists (neighbours, cells, edges) stay as they are.
 """
 
@@ -11,6 +12,7 @@ import dataclasses
 import jax
 import numpy as np
 
+from .._deprecated import old_arguments
 from .._programs import release_programs_if_crowded
 from .._sizes import joined, multiplied, taken
 from .._tracing import is_traced
@@ -24,24 +26,29 @@ from .outlines import OUTLINE_SEGMENTS, intervals, sample_lines
 from .quadtree import make_background, squares
 from .topology import Topology, assemble
 
-SQUARES_ACROSS = 2  # least number across a region: with the nodes on its outline three lines of nodes, for quadratic shape functions
+# least number across a region: with the nodes on its outline three lines of nodes, for quadratic
+# shape functions
+SQUARES_ACROSS = 2
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Cloud:
-    """Nodes and cell vertices of one plate."""
+    """Nodes and cell vertices of one plate; `make_cloud` makes it. A pytree."""
 
     plate: Plate
     """The plate on which the cloud is placed, as given."""
     vertices: Float[Array, "v 2"]
     """Positions of all cell vertices, mm, in the frame of the topology."""
     topology: Topology = dataclasses.field(metadata={"static": True})
-    """Lists and the reference, static."""
+    """Connectivity and reference positions; static."""
 
     def __repr__(self) -> str:
         """Sizes of the cloud."""
-        return f"Cloud of {len(self.topology.node_vertices)} nodes, {self.spacing:.4g} {self.plate.unit} apart, of {self.plate!r}"
+        return (
+            f"Cloud of {len(self.topology.node_vertices)} nodes, {self.spacing:.4g} "
+            f"{self.plate.unit} apart, of {self.plate!r}"
+        )
 
     @property
     def nodes(self) -> Float[Array, "n 2"]:
@@ -69,20 +76,45 @@ class Cloud:
         return self.topology.partition.cell_of_triangle
 
     def at(self, plate: Plate) -> "Cloud":
-        """The same cloud placed on ``plate``, whose hole parameters may be traced; its holes correspond one to one."""
+        """The same cloud placed on ``plate``, whose hole parameters may be traced.
+
+        Its holes correspond one to one.
+        """
         return Cloud(plate, place(self.topology, plate), self.topology)
 
 
-def make_cloud(plate: Plate, *, spacing: float | None = None, nodes_per_hole: int | None = None, across: int | None = None) -> Cloud:
-    """Node cloud of a plate: grid points ``spacing`` apart (mm) outside the holes, and ``nodes_per_hole`` on each whole hole.
+@old_arguments
+def make_cloud(
+    plate: Plate,
+    *,
+    spacing: float | None = None,
+    nodes_per_hole: int | None = None,
+    across: int | None = None,
+) -> Cloud:
+    """Node `Cloud` of a plate: background grid outside the holes, and nodes on the outlines.
 
-    Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. ``across`` halves the spacing, on the
-    outlines too, in ligaments between holes and between a hole and an edge of the plate until that many nodes lie across, those on the
-    outlines (or on the edge) included. Squares are halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and grid
-    points near an outline node are moved away from it (``clearance``). A plate made by ``Plate.at`` is given the topology of the plate it
-    came from, so that its parameters may be traced. Of a periodic plate the frame is arbitrary: edges that cross a hole are moved, see
-    ``cloud.topology.frame``. Raises ValueError for an unusable plate, an unusable spacing or one that leaves a ligament without a node, an
-    ``across`` below 2, and where more than ``quadtree.MAX_HALVINGS`` halvings are needed.
+    Arguments:
+
+    - `plate`: the `Plate`. One made by `Plate.at` is given the topology of the plate it came from,
+      so that its parameters may be traced.
+    - `spacing`: distance of the grid points, mm; the plate's own by default.
+    - `nodes_per_hole`: number of nodes on each whole hole. By default the plate's own; a new
+      `spacing` scales it.
+    - `across`: number of nodes across each ligament, between holes and between a hole and an edge,
+      those on the outlines (or on the edge) included: the spacing is halved until it is reached, on
+      the outlines too. By default no ligament is refined.
+
+    Squares are also halved if more than `outlines.CROWDED` outline nodes lie on a side, and grid
+    points near an outline node are moved away from it (`clearance`). The frame of a periodic plate
+    is arbitrary: edges that cross a hole are moved, see `cloud.topology.frame`.
+
+    Raises `ValueError` for an unusable plate, for an unusable spacing or one that leaves a ligament
+    without a node, for `across` below 2, and if more than `quadtree.MAX_HALVINGS` halvings are
+    needed.
+
+    >>> cloud = make_cloud(Plate(2.0, 2.0), spacing=0.5)
+    >>> cloud.nodes.shape
+    (25, 2)
     """
     check_kind("plate", plate, Plate, "a Plate, such as Plate(4, 4, [Circle((0, 0), 1)])")
     release_programs_if_crowded()  # a new cloud needs new ones
@@ -116,7 +148,10 @@ def _topology(given, spacing, nodes_per_hole, across):
 
 
 def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
-    """Positions of all vertices in the topology's ``frame`` for the holes of ``plate``; pure, smooth in every hole parameter."""
+    """Positions of all vertices in the topology's ``frame`` for the holes of ``plate``.
+
+    Pure, smooth in every hole parameter.
+    """
     plate = topology.frame.of(plate)
     regions = plate.with_regions_as_holes
     points = [arc_points(plate, o.arc, o.s) for o in topology.outlines]

@@ -1,5 +1,6 @@
 """Continuation: many states along a branch, and their stability."""
 
+from .._deprecated import old_names
 from .autodiff import IllPosedDerivative, warn_of_ill_posed
 from .eigenvalue import lowest_eigenvalue
 from .first import SweepFailed, first_state_failed
@@ -43,3 +44,5 @@ __all__ = [
     "sweep",
     "warn_of_ill_posed",
 ]
+
+__getattr__ = old_names(__name__)

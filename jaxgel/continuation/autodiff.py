@@ -1,4 +1,4 @@
-"""A sweep as a function that JAX differentiates: the states are those of `follow`, and their factors serve the derivatives."""
+"""A sweep that JAX differentiates: the states of `follow`, their factors for derivatives."""
 
 import dataclasses
 import functools
@@ -16,7 +16,7 @@ from .._tracing import is_traced
 from ..controls import check_values
 from ..equilibrium import Status, no_tangents, state_tangents
 from ..linalg import RECENT_FACTORS
-from ..mechanics import Problem, shared_tangents, state_pressure, total_energy
+from ..mechanics import Problem, shared_tangents, state_pressure, total_energy, touching_tangents
 from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path
@@ -24,17 +24,36 @@ from .steps import Adaptive
 from .traced import check_for_program, states_in_program
 from .traced_search import RESIDUAL, TracedSearch, padded_columns
 
-OF_STATES = {"energy": "k", "pressure": "kg", "mu": "kg"}  # what is a function of the states: its axes
+# what is a function of the states: its axes
+OF_STATES = {"energy": "k", "pressure": "kg", "mu": "kg"}
 WITHOUT_DERIVATIVES = {
-    "lowest_eigenvalue": "path.lowest_eigenvalue: the attribute has no derivative; use jaxgel.continuation.lowest_eigenvalue(path)",
+    "lowest_eigenvalue": (
+        "path.lowest_eigenvalue: the attribute has no derivative; use "
+        "jaxgel.continuation.lowest_eigenvalue(path)"
+    ),
     "residual": RESIDUAL,
 }
-COLUMNS = (*OF_STATES, *WITHOUT_DERIVATIVES, "x", "status", "derivative", "newton_iterations", "negative_pivots", "switched")
-INSIDE_JIT = "problem: is not accepted as an argument of jax.jit or jax.vmap; make it inside, from numbers that are"
+COLUMNS = (
+    *OF_STATES,
+    *WITHOUT_DERIVATIVES,
+    "x",
+    "status",
+    "derivative",
+    "newton_iterations",
+    "negative_pivots",
+    "switched",
+)
+INSIDE_JIT = (
+    "problem: is not accepted as an argument of jax.jit or jax.vmap; make it inside, from numbers "
+    "that are"
+)
 
 
 class IllPosedDerivative(UserWarning):
-    """A sweep is differentiated at a state without a meaningful derivative: nearly singular, in self-contact, or not reached."""
+    """Warning that a state of a sweep is differentiated which has no meaningful derivative.
+
+    The state is nearly singular, in self-contact, or was not reached.
+    """
 
 
 def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
@@ -44,22 +63,30 @@ def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
     """
     ends = values if isinstance(values, Adaptive) else None
     given = jnp.zeros(0) if ends else jnp.atleast_1d(jnp.asarray(values, dtype=float))
-    inputs, options = (problem.replace(operators=None), given), dataclasses.replace(options, eigenvalues=True)
+    inputs, options = (
+        (problem.replace(operators=None), given),
+        dataclasses.replace(options, eigenvalues=True),
+    )
     search, floats = TracedSearch.of(inputs, (ends, options), INSIDE_JIT)
     x, report = _states(search, floats)
     value = report["value"] if ends else given
     if not search.found:  # in a program what was not reached has the last state in its place
         ok = report["status"] == Status.CONVERGED
-        report |= {name: jnp.where(ok.reshape(-1, *[1] * (report[name].ndim - 1)), report[name], jnp.nan) for name in OF_STATES}
+        report |= {
+            name: jnp.where(ok.reshape(-1, *[1] * (report[name].ndim - 1)), report[name], jnp.nan)
+            for name in OF_STATES
+        }
         x = jnp.where(ok[:, None, None], x, jnp.nan)
-    report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "value")}
+    report = {name: column for name, column in report.items() if name not in ("operators", "value")}
     return Path(problem=problem, value=value, x=x, **report, **search.found)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _states(search, floats):
-    """Equilibria (k, n, 2) and their report, a dict (k,) of the columns of a `Path` and of contact_active, of the pressure (k, g), and of
-    the `mechanics.Operators` of the model.
+    """Equilibria (k, n, 2) and their report, a dict (k,), pressure and `mechanics.Operators`.
+
+    The report has the columns of a `Path`; the pressure is (k, g); the operators are those of the
+    model.
     """
     problem, values = inputs = search.inputs(floats)
     ends, options = search.options
@@ -74,8 +101,8 @@ def _states(search, floats):
     states = followed.light_states(lambda state: _keep_factor(problem, state))
     path = Path.from_states(problem, states, stop=followed.stop, stop_text=followed.stop_text)
     search.found.update(symmetry=path.symmetry, stop=path.stop, stop_text=path.stop_text)
-    values, touching = path.value if ends else values, np.array([state.contact_active is not False for state in states])
-    report = padded_columns(path, COLUMNS, len(values) - len(path), contact_active=touching)
+    values = path.value if ends else values
+    report = padded_columns(path, COLUMNS, len(values) - len(path))
     return report.pop("x"), report | {"value": jnp.asarray(values), "operators": problem.operators}
 
 
@@ -86,7 +113,10 @@ def _keep_factor(problem, state):
 
 @functools.partial(_states.defjvp, symbolic_zeros=True)
 def _states_jvp(search, primals, tangents):
-    """The rule of `equilibrium.state_tangents` at every state; the numbers of the report have no derivatives."""
+    """The rule of `equilibrium.state_tangents` at every state.
+
+    The numbers of the report have no derivatives.
+    """
     (floats,) = primals
     x, report = _states(search, floats)
     problem, values = search.inputs(floats)
@@ -99,24 +129,45 @@ def _states_jvp(search, primals, tangents):
         values = report["value"]
         values_dot = jnp.zeros_like(values) if ends else values_dot
     problem = problem.replace(operators=report["operators"])
-    if problem.has_contact and (in_program or not np.any(report["contact_active"])):
-        problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
+    problem, problem_dot = touching_tangents(
+        problem, problem_dot, [] if in_program else list(x), [] if in_program else list(values)
+    )
     shared, shared_dot = shared_tangents(problem, problem_dot)
-    x_dot = state_tangents(x, report["pressure"], problem, values, shared, shared_dot, values_dot, in_program=in_program)
+    x_dot = state_tangents(
+        x,
+        report["pressure"],
+        problem,
+        values,
+        shared,
+        shared_dot,
+        values_dot,
+        in_program=in_program,
+    )
     found = tuple(fitted(report[name], axes, shared.lengths) for name, axes in OF_STATES.items())
     leaves, structure = jax.tree.flatten((fitted(x, "kn", shared.lengths), shared, values))
-    dots = [None if dot.dtype == jax.dtypes.float0 else dot for dot in jax.tree.leaves((x_dot, shared_dot, values_dot))]
+    dots = [
+        None if dot.dtype == jax.dtypes.float0 else dot
+        for dot in jax.tree.leaves((x_dot, shared_dot, values_dot))
+    ]
     dots = tangents_of(_OfStates(structure), leaves, dots, found)
     x_dot = fitted(x_dot, "kn", problem.lengths)
     report_dot = jax.tree.map(SymbolicZero.from_primal_value, report)
-    report_dot |= {name: fitted(dot, axes, problem.lengths) for dot, (name, axes) in zip(dots, OF_STATES.items(), strict=True)}
-    report_dot |= {name: no_tangents(report[name], [x_dot], text) for name, text in WITHOUT_DERIVATIVES.items()}
+    report_dot |= {
+        name: fitted(dot, axes, problem.lengths)
+        for dot, (name, axes) in zip(dots, OF_STATES.items(), strict=True)
+    }
+    report_dot |= {
+        name: no_tangents(report[name], [x_dot], text) for name, text in WITHOUT_DERIVATIVES.items()
+    }
     return (x, report), (x_dot, report_dot)
 
 
 @dataclasses.dataclass(frozen=True)
 class _OfStates:
-    """Total energy (k,), pressures (k, g) and mu (k,) of states, of the leaves of (x (k, n, 2), problem, values (k,))."""
+    """Energy (k,), pressures (k, g) and mu (k,) of states, of the leaves of x, problem, values.
+
+    These are (x (k, n, 2), problem, values (k,)).
+    """
 
     structure: object
     """Tree structure of the leaves."""
@@ -126,13 +177,20 @@ class _OfStates:
 
         def of_state(x, value):
             now, mu = problem.at(value)
-            return [total_energy(x, now.model, now.gel, mu, now.loads), state_pressure(x, now.model, now.gel, mu), mu]
+            return [
+                total_energy(x, now.model, now.gel, mu, now.loads),
+                state_pressure(x, now.model, now.gel, mu),
+                mu,
+            ]
 
         return jax.vmap(of_state)(x, values)
 
 
 def warn_of_ill_posed(report: dict[str, Any], name: str, verb: str = "sweep") -> None:
-    """Warn (`IllPosedDerivative`) of every state whose derivative is ill-posed; of those that `jax.vmap` wraps once they are unwrapped."""
+    """Warn (`IllPosedDerivative`) of every state whose derivative is ill-posed.
+
+    Of those that `jax.vmap` wraps once they are unwrapped.
+    """
     warn = functools.partial(_warn, name, verb)
     if is_traced(report):
         jax.debug.callback(warn, report["value"], report["derivative"])
@@ -144,4 +202,8 @@ def _warn(name, verb, values, status):
     values, status = np.asarray(values), np.asarray(status)
     for one in np.unique(status[status != Status.CONVERGED]):
         at = ", ".join(f"{value:.6g}" for value in values[status == one])
-        warnings.warn(f"{verb}: ill-posed derivative at {name} = {at}: {Status(int(one)).text}", IllPosedDerivative, stacklevel=3)
+        warnings.warn(
+            f"{verb}: ill-posed derivative at {name} = {at}: {Status(int(one)).text}",
+            IllPosedDerivative,
+            stacklevel=3,
+        )

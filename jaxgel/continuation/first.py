@@ -1,4 +1,4 @@
-"""The first state of a sweep: from the dry gel at once, with its edges moved step by step, or by way of lower chemical potentials."""
+"""The first state of a sweep: directly, by moving edges in steps, or from lower mu."""
 
 import dataclasses
 
@@ -9,7 +9,8 @@ from .predictor import predict
 from .steps import Adaptive, adaptive
 
 FAR_BELOW = 5.0  # kT: where a control's first state is approached from
-LEAST_RAMP = 1 / 200  # of the motion of a plate's edges, which may come in steps before the first state
+# of the motion of a plate's edges, which may come in steps before the first state
+LEAST_RAMP = 1 / 200
 
 
 class SweepFailed(StateNotFound):
@@ -18,7 +19,10 @@ class SweepFailed(StateNotFound):
 
 def first_state_failed(control: Control, value: float, status: Status) -> SweepFailed:
     """The error of a sweep whose first state was not found."""
-    return SweepFailed(f"sweep: no equilibrium at {control.name} = {value:.6g}: {status.text}{remedy(status, control.name)}")
+    return SweepFailed(
+        f"sweep: no equilibrium at {control.name} = {value:.6g}: "
+        f"{status.text}{remedy(status, control.name)}"
+    )
 
 
 def first_state(problem: Problem, value: float, newton: Newton, observer: Observer) -> State:
@@ -30,7 +34,7 @@ def first_state(problem: Problem, value: float, newton: Newton, observer: Observ
 
 
 def _ramped(problem, value, failed, newton):
-    """The state of a plate whose edges are moved step by step, where moving them at once ``failed``."""
+    """First state of a plate whose edges move step by step, if moving them at once ``failed``."""
     model, pressure = problem.model, dry_state(problem)[1]
     whole, x = problem.dry_positions(value) - model.cloud.nodes, model.cloud.nodes
     share, step, iterations = 0.0, 1 / 8, failed.newton_iterations
@@ -49,7 +53,7 @@ def _ramped(problem, value, failed, newton):
 
 
 def _approached(problem, value, failed, newton):
-    """The state by way of lower chemical potentials, on the dry gel's branch, where going there at once ``failed``."""
+    """First state by way of lower mu on the dry gel's branch, if going there at once ``failed``."""
     (now, mu), start, spent = problem.at(value), dry_state(problem, value), failed.newton_iterations
 
     def attempt(mu, states):

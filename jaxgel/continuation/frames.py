@@ -1,7 +1,8 @@
-"""The problem in which a state is looked for: that of the whole plate, or where the state is symmetric that of a fundamental region.
+"""The problem of a step: of the whole plate or, for a symmetric state, a fundamental region.
 
-A sweep's states are those of the whole plate. A `Frame` takes from them what its problem needs and makes whole states of what it finds;
-stability is that of the whole plate either way, of a region block by block.
+A sweep's states are those of the whole plate. A `Frame` takes from them what its problem needs and
+makes whole states of what it finds; stability is that of the whole plate either way, of a region
+block by block.
 """
 
 import dataclasses
@@ -11,17 +12,18 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float
-from ..equilibrium import Stability, State, acting_problem, linearised, with_own_factor
+from ..equilibrium import Stability, State, linearised, with_own_factor
 from ..linalg import BlockFactor, Diagonal, factor, network_matrix
-from ..mechanics import (
-    Problem,
-    restrict,
-    scatter,
-    tangent,
-    unknowns,
-    with_free_values,
+from ..mechanics import Problem, couplings, restrict, scatter, tangent, unknowns, with_free_values
+from ..symmetry import (
+    NAMES,
+    Region,
+    bases,
+    region,
+    symmetries_of,
+    symmetries_of_field,
+    symmetries_of_state,
 )
-from ..symmetry import NAMES, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
 from .predictor import rate_of_change
 from .stability import StabilityAnalysis, stability_of_factor
 
@@ -29,7 +31,7 @@ ROUND_OFF = 1e-6  # part of a mode's size, squared, in a block to which it does 
 
 
 class Frame(StabilityAnalysis):
-    """A problem with the way from and to states of the whole plate: here the problem of the whole plate itself."""
+    """A problem and its maps to states of the whole plate: here the whole plate itself."""
 
     group: tuple[str, ...] = ()
     """The symmetries that its states have."""
@@ -46,12 +48,17 @@ class Frame(StabilityAnalysis):
         return dataclasses.replace(state, symmetry=NAMES[()])
 
     def onto(self, x: Float[Array, "n 2"], value: float) -> Float[np.ndarray, "n 2"]:
-        """Nodal positions next to ``x`` (n, 2) that satisfy the conditions at a ``value`` of the control and have all symmetries.
+        """Symmetric nodal positions next to ``x`` (n, 2) with the conditions at a ``value``.
 
-        Extrapolation lets the round-off that states have in common grow like a power of their number.
+        It is a value of the control. Extrapolation lets the round-off that states have in common
+        grow like a power of their number.
         """
         free = self.problem.free
-        dry = np.asarray(self.problem.dry_positions(value)) if self.problem.moves_edges else self._at_rest
+        dry = (
+            np.asarray(self.problem.dry_positions(value))
+            if self.problem.moves_edges
+            else self._at_rest
+        )
         return np.asarray(with_free_values(restrict(np.asarray(x), free), dry, free))
 
     @functools.cached_property
@@ -60,11 +67,14 @@ class Frame(StabilityAnalysis):
         return np.asarray(self.problem.dry_positions(0.0))
 
     def along(self, mode: Float[np.ndarray, " f"]) -> Float[np.ndarray, " b"]:
-        """A mode (f,) of the whole plate on the unknowns of the problem; 0 where the mode has not its symmetries."""
+        """A mode (f,) of the whole plate on the problem's unknowns; 0 if not symmetric."""
         return mode
 
     def factorised(self, state: State) -> State:
-        """A state found, with a factor of its own tangent, which counts its negative eigenvalues; raises `linalg.SingularTangent`."""
+        """A state found, with a factor of its own tangent, which counts its negative eigenvalues.
+
+        Raises `linalg.SingularTangent`.
+        """
         return with_own_factor(self.problem, state)
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
@@ -76,7 +86,12 @@ class RegionFrame(Frame):
     """The `Frame` of states with a group of symmetries."""
 
     def __init__(self, reduced: Region, whole: Problem) -> None:
-        self.group, self.problem, self._region, self._whole = reduced.group, reduced.problem, reduced, whole
+        self.group, self.problem, self._region, self._whole = (
+            reduced.group,
+            reduced.problem,
+            reduced,
+            whole,
+        )
 
     @functools.cached_property
     def stiffness(self) -> sp.csr_matrix:
@@ -85,12 +100,7 @@ class RegionFrame(Frame):
 
     @functools.cached_property
     def _bases(self):
-        return self._bases_of(self._whole.without_contact)
-
-    def _bases_of(self, whole):
-        """The basis of each block, with the pairs of contact, which are many, where the problem of the whole plate has it."""
-        model = whole.model
-        return bases(model.lists, self.group, model.dmax if whole.has_contact else None)
+        return bases(self._whole.model.lists, self.group)
 
     @functools.cached_property
     def _stiffnesses(self):
@@ -120,11 +130,15 @@ class RegionFrame(Frame):
         return np.cumsum([0, *(basis.fields[0].shape[1] for basis in self._bases)])
 
     def part(self, state: State) -> State:
-        return dataclasses.replace(state.light, pressure=np.asarray(state.pressure)[self._region.own])
+        return dataclasses.replace(
+            state.light, pressure=np.asarray(state.pressure)[self._region.own]
+        )
 
     def whole(self, state: State) -> State:
         pressure = self._region.spread @ np.asarray(state.pressure)
-        return dataclasses.replace(state, pressure=pressure, linearisation=None, symmetry=NAMES[self.group])
+        return dataclasses.replace(
+            state, pressure=pressure, linearisation=None, symmetry=NAMES[self.group]
+        )
 
     def along(self, mode: Float[np.ndarray, " f"]) -> Float[np.ndarray, " b"]:
         found = self._projection @ mode
@@ -135,24 +149,39 @@ class RegionFrame(Frame):
         """See `Frame`: every block has a factor of its own."""
         if isinstance(state.factor, BlockFactor):
             return state
-        whole, (problem, now) = acting_problem(self._whole, state), linearised(self.problem, state)
-        own_bases, pairs = self._bases_of(whole), np.asarray(tangent(problem, state.x, state.pressure, now))
+        problem, now = linearised(self.problem, state)
+        own_bases = bases(self._whole.model.lists, self.group, couplings(problem.model))
+        pairs = tangent(problem, state.x, state.pressure, now)
         factors = tuple(factor(basis.pattern, pairs) for basis in own_bases)
         made = BlockFactor(tuple(basis.fields for basis in own_bases), factors)
         return dataclasses.replace(state, factor=made)
 
-    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
+    def check(
+        self, state: State, modes: Float[np.ndarray, "f m"] | None = None
+    ) -> tuple[Stability, State]:
         """See `Frame`: all blocks together are one matrix of their coordinates."""
         state = self.factorised(state)
         blocks = Diagonal(state.factor.factors, self._cuts)
-        found = stability_of_factor(blocks, self._stiffness, None if modes is None else self._in_all_blocks(modes))
+        found = stability_of_factor(
+            blocks, self._stiffness, None if modes is None else self._in_all_blocks(modes)
+        )
         inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)
-        own = np.argmax(inside, axis=0)  # what else a mode has is round-off, or of a mode of another block with the same eigenvalue
-        vectors = np.where(np.repeat(np.arange(len(self._bases)), np.diff(self._cuts))[:, None] == own, found.vectors, 0.0)
-        return Stability(state.factor.negative_pivots, found.eigenvalues, self._fields @ vectors), state
+        # what else a mode has is round-off, or of a mode of another block with the same eigenvalue
+        own = np.argmax(inside, axis=0)
+        vectors = np.where(
+            np.repeat(np.arange(len(self._bases)), np.diff(self._cuts))[:, None] == own,
+            found.vectors,
+            0.0,
+        )
+        return Stability(
+            state.factor.negative_pivots, found.eigenvalues, self._fields @ vectors
+        ), state
 
     def _in_all_blocks(self, modes):
-        """Coordinates (b, w) of the modes (f, m), and of some field in each block that none of them belongs to: it may be the lowest."""
+        """Coordinates (b, w) of the modes (f, m), and of a field in each block without any.
+
+        That block may have the lowest one.
+        """
         start = self._projection @ modes
         size = np.add.reduceat(start**2, self._cuts[:-1], axis=0)
         missing = np.flatnonzero((size < ROUND_OFF * size.sum(axis=0)).all(axis=1))
@@ -163,21 +192,33 @@ class RegionFrame(Frame):
         return np.concatenate([start, some], axis=1)
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
-        return rate_of_change(self.problem, dataclasses.replace(state, factor=state.factor.factors[0]))
+        return rate_of_change(
+            self.problem, dataclasses.replace(state, factor=state.factor.factors[0])
+        )
 
 
 class Frames:
-    """The frames of a problem, one for each group that a state of it may have; no symmetry is used where a control moves edges or loads."""
+    """The frames of a problem, one for each group that a state of it may have.
+
+    No symmetry is used with obstacles, or if a control moves edges or loads.
+    """
 
     def __init__(self, problem: Problem, *, symmetry: bool) -> None:
-        own = symmetry and not (problem.changes.edges or problem.changes.loads)
+        broken = (
+            problem.changes.edges or problem.changes.loads or problem.model.cloud.plate.obstacles
+        )
+        own = symmetry and not broken
         self.problem, self.group = problem, symmetries_of(problem) if own else ()
         self._known: dict[tuple[str, ...], Frame] = {}
 
     def of(self, group: tuple[str, ...]) -> Frame:
         """The frame of the states with these symmetries."""
         if group not in self._known:
-            self._known[group] = RegionFrame(region(self.problem, group), self.problem) if group else Frame(self.problem)
+            self._known[group] = (
+                RegionFrame(region(self.problem, group), self.problem)
+                if group
+                else Frame(self.problem)
+            )
         return self._known[group]
 
     def of_state(self, x: Float[Array, "n 2"]) -> Frame:

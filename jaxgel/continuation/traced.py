@@ -1,8 +1,8 @@
-"""A sweep as one compiled program, inside ``jax.jit`` and ``jax.vmap``: the stable branch at given values of the control.
+"""A sweep as one compiled program for ``jax.jit`` and ``jax.vmap``: stable, at given values.
 
-It follows the branch that continues the dry state for as long as its tangent is positive definite. A sheet that loses
-stability, whose outlines touch or whose Newton's method fails has nan from there on, and the `Status` that says why; in a
-batch the others go on.
+It follows the branch that continues the dry state for as long as its tangent is positive definite.
+A sheet that loses stability, whose outlines touch or whose Newton's method fails has nan from there
+on, and the `Status` that says why; in a batch the others go on.
 """
 
 import functools
@@ -14,9 +14,17 @@ from jax import lax
 
 from .._programs import fitted
 from .._types import Array, Bool, Float, Int
-from ..equilibrium import Iterate, Newton, Status, control_rates, dry_state, first_iterate, solve_traced
+from ..equilibrium import (
+    Iterate,
+    Newton,
+    Status,
+    control_rates,
+    dry_state,
+    first_iterate,
+    solve_traced,
+)
 from ..linalg import elimination_of
-from ..mechanics import Problem, pressure_change, scatter, touches
+from ..mechanics import Problem, pressure_change, scatter, touches_in_program
 from .follow import Following
 
 HISTORY = 4  # states from which the next one is predicted
@@ -24,7 +32,10 @@ LEAST_STEP = 1 / 64  # of the distance between two values: a shorter step is not
 
 
 class _March(NamedTuple):
-    """A sweep between two of its values. The history holds the latest states, the last one first."""
+    """A sweep between two of its values.
+
+    The history holds the latest states, the last one first.
+    """
 
     values: Float[Array, " h"]
     x: Float[Array, "h n 2"]
@@ -52,34 +63,53 @@ class _March(NamedTuple):
 
 
 def check_for_program(options: Following, *, chosen: bool) -> None:
-    """Raise ValueError, one line, for options of a sweep that a compiled program has not, and for ``chosen`` steps."""
+    """Raise ValueError, one line, for options a compiled sweep has not, and ``chosen`` steps."""
     if chosen:
-        raise ValueError("values: Adaptive steps are not available inside jax.jit and jax.vmap; give the values of the control")
+        raise ValueError(
+            "values: Adaptive steps are not available inside jax.jit and jax.vmap; give the "
+            "values of the control"
+        )
     if options.branch != "stable" or options.until_contact:
-        name, value = ("branch", options.branch) if options.branch != "stable" else ("until_contact", True)
-        raise ValueError(f"{name}: {value!r} is not available inside jax.jit and jax.vmap; call the sweep outside of them")
+        name, value = (
+            ("branch", options.branch) if options.branch != "stable" else ("until_contact", True)
+        )
+        raise ValueError(
+            f"{name}: {value!r} is not available inside jax.jit and jax.vmap; call the sweep "
+            "outside of them"
+        )
 
 
-def states_in_program(problem: Problem, values: Float[Array, " k"], newton: Newton) -> tuple[Array, dict[str, Any]]:
-    """Equilibria (k, n, 2) at ``values`` of the control and the columns of their `Path`, a dict; see the module.
+def states_in_program(
+    problem: Problem, values: Float[Array, " k"], newton: Newton
+) -> tuple[Array, dict[str, Any]]:
+    """Equilibria (k, n, 2) at ``values`` of the control and the columns of their `Path`, a dict.
 
-    What is not reached has the last state, and its value of the control, in its place, so that derivatives are finite.
+    See the module. What is not reached has the last state, and its value of the control, in its
+    place, so that derivatives are finite.
     """
     problem = problem.prepared
-    free = problem.without_contact
-    leaves, structure = jax.tree.flatten((free.shared, problem.shared.model, elimination_of(free.pattern), values))
+    leaves, structure = jax.tree.flatten((problem.shared, elimination_of(problem.pattern), values))
 
     def states(*leaves):
-        return _states(newton, *jax.tree.unflatten(structure, leaves))
+        return _states(
+            newton,
+            functools.partial(touches_in_program, problem.model.lists.topology),
+            *jax.tree.unflatten(structure, leaves),
+        )
 
-    if jax.default_backend() == "cpu":  # the sheets of a batch one after the other, each with the iterations that it needs
+    # the sheets of a batch one after the other, each with the iterations that it needs
+    if jax.default_backend() == "cpu":
         states = jax.custom_batching.sequential_vmap(states)
-    columns = states(*lax.optimization_barrier(leaves))  # index arrays as constants would be folded, for minutes
-    columns |= {"pressure": fitted(columns["pressure"], "kg", problem.lengths), "operators": problem.operators}
+    # index arrays as constants would be folded, for minutes
+    columns = states(*lax.optimization_barrier(leaves))
+    columns |= {
+        "pressure": fitted(columns["pressure"], "kg", problem.lengths),
+        "operators": problem.operators,
+    }
     return fitted(columns.pop("x"), "kn", problem.lengths), columns
 
 
-def _states(newton, problem, observed, elimination, values):
+def _states(newton, touching, problem, elimination, values):
     """The columns of a path, in the sizes of the shared equations."""
     x, pressure = dry_state(problem, values[0])
     start = _March(
@@ -98,7 +128,7 @@ def _states(newton, problem, observed, elimination, values):
         reached=jnp.zeros((), bool),
     )
 
-    attempt = functools.partial(_attempt, problem, observed, elimination, newton)
+    attempt = functools.partial(_attempt, problem, touching, elimination, newton)
 
     def to_value(march: _March, value: Float[Array, ""]) -> tuple[_March, dict[str, Any]]:
         distance = jnp.abs(value - march.values[0])
@@ -108,18 +138,28 @@ def _states(newton, problem, observed, elimination, values):
             iterations=jnp.zeros((), int),
             reached=march.status != Status.CONVERGED,
         )
-        march = lax.while_loop(lambda march: ~march.reached, lambda march: attempt(march, value), march)
+        march = lax.while_loop(
+            lambda march: ~march.reached, lambda march: attempt(march, value), march
+        )
         ok, reached = march.status == Status.CONVERGED, march.values[0]
-        column = {"x": march.x[0], "pressure": march.pressure[0], "mu": problem.at(reached)[1], "value": reached}
+        column = {
+            "x": march.x[0],
+            "pressure": march.pressure[0],
+            "mu": problem.at(reached)[1],
+            "value": reached,
+        }
         column |= {"residual": march.residual, "energy": march.energy, "status": march.status}
-        return march, column | {"negative_pivots": jnp.where(ok, 0, -1), "newton_iterations": march.iterations}
+        return march, column | {
+            "negative_pivots": jnp.where(ok, 0, -1),
+            "newton_iterations": march.iterations,
+        }
 
     columns = lax.scan(to_value, start, values)[1]
     columns |= {"derivative": columns["status"], "switched": jnp.zeros(values.shape, int)}
-    return columns | {"lowest_eigenvalue": jnp.full(values.shape, jnp.nan), "contact_active": jnp.zeros(values.shape, bool)}
+    return columns | {"lowest_eigenvalue": jnp.full(values.shape, jnp.nan)}
 
 
-def _attempt(problem, observed, elimination, newton, march, value):
+def _attempt(problem, touching, elimination, newton, march, value):
     """One step towards ``value``: the whole way, or what is left of it after steps that failed."""
     is_first, last = march.count == 0, march.values[0]
     whole = is_first | (march.step >= jnp.abs(value - last))
@@ -128,15 +168,17 @@ def _attempt(problem, observed, elimination, newton, march, value):
     has_factor = ~is_first & (march.found.status == Status.CONVERGED)
     found = solve_traced(problem, elimination, at, x, pressure, march.found, has_factor, newton)
     converged = found.status == Status.CONVERGED
-    touching = converged & touches(found.x, observed) if observed.contact is not None else jnp.zeros((), bool)
-    ok = converged & ~touching
+    touches = converged & touching(found.x, problem.model)
+    ok = converged & ~touches
 
     def pushed(old, new):
         return jnp.where(ok, jnp.concatenate([new[None], old[:-1]]), old)
 
-    rate = lax.cond(ok & is_first, lambda: _rate(problem, elimination, found, at), lambda: march.rate)
+    rate = lax.cond(
+        ok & is_first, lambda: _rate(problem, elimination, found, at), lambda: march.rate
+    )
     shorter = jnp.minimum(march.step, jnp.abs(at - last)) / 2
-    given_up = ~ok & (touching | is_first | (shorter < march.least))
+    given_up = ~ok & (touches | is_first | (shorter < march.least))
     return march._replace(
         values=pushed(march.values, at),
         x=pushed(march.x, found.x),
@@ -148,17 +190,25 @@ def _attempt(problem, observed, elimination, newton, march, value):
         found=found,
         step=jnp.where(ok, 2 * march.step, shorter),
         iterations=march.iterations + found.iterations,
-        status=jnp.where(given_up, jnp.where(touching, int(Status.SELF_CONTACT), found.status), int(Status.CONVERGED)),
+        status=jnp.where(
+            given_up,
+            jnp.where(touches, int(Status.SELF_CONTACT), found.status),
+            int(Status.CONVERGED),
+        ),
         reached=given_up | (ok & whole),
     )
 
 
 def _predicted(march, value):
-    """Positions and pressures at a ``value`` by the polynomial through the history; from one state alone by its rate."""
+    """Positions and pressures at a ``value`` by the polynomial through the history.
+
+    From one state alone by its rate.
+    """
     at = march.values
     newer = jnp.arange(HISTORY)[:, None] > jnp.arange(HISTORY)
     apart = at[:, None] != at
-    real = (jnp.arange(HISTORY) < march.count) & ~jnp.any(newer & ~apart, axis=1)  # of equal values the latest
+    # of equal values the latest
+    real = (jnp.arange(HISTORY) < march.count) & ~jnp.any(newer & ~apart, axis=1)
     others = real & apart
     ratios = jnp.where(others, (value - at) / jnp.where(others, at[:, None] - at, 1.0), 1.0)
     weights = jnp.where(real, jnp.prod(ratios, axis=1), 0.0)
@@ -170,8 +220,11 @@ def _predicted(march, value):
 
 
 def _rate(problem, elimination, found, value):
-    """Derivatives of a state's positions and pressures by the control, the prescribed displacements of the edges left out."""
+    """Derivatives of positions and pressures by the control, without prescribed displacements."""
     forces, pressure = control_rates(problem, found.x, value)
     size = len(elimination.order)
-    rate = scatter(jnp.zeros(forces.shape).at[:size].set(-elimination.solve(found.factors, forces[:size])), problem.free)
+    rate = scatter(
+        jnp.zeros(forces.shape).at[:size].set(-elimination.solve(found.factors, forces[:size])),
+        problem.free,
+    )
     return rate, pressure + pressure_change(rate, found.linearisation, problem.model)

@@ -1,4 +1,4 @@
-"""A search for states that JAX differentiates: its inputs apart by kind, and the columns of the path that it leaves."""
+"""Differentiable search for states: inputs by kind, and the columns of the resulting path."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -14,12 +14,18 @@ from .._tracing import is_traced
 from .._types import Array
 from .path import Path
 
-RESIDUAL = "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x"
+RESIDUAL = (
+    "path.residual: the residual of a converged state is round-off and has no derivative; use "
+    "path.energy or path.x"
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TracedSearch:
-    """What identifies a traced search besides its floating-point arrays, and what it leaves besides arrays; hashed by identity."""
+    """Identity of a traced search besides its float arrays, and its other results; by identity.
+
+    It is hashed by identity.
+    """
 
     structure: Any
     """Tree structure of the inputs."""
@@ -30,36 +36,73 @@ class TracedSearch:
     options: Any
     """How states are looked for."""
     found: dict[str, Any] = dataclasses.field(default_factory=dict)
-    """How the search ended, and what its derivatives need; empty for a sweep that is part of a program."""
+    """How the search ended, and what its derivatives need.
+
+    Empty for a sweep that is part of a program.
+    """
 
     @classmethod
     def of(cls, inputs: Any, options: Any, refusal: str) -> tuple["TracedSearch", list[Array]]:
-        """The search and the floating-point leaves of its ``inputs``, a pytree; ValueError with the ``refusal`` if others are traced."""
+        """The search and the floating-point leaves of its ``inputs``, a pytree.
+
+        ValueError with the ``refusal`` if others are traced.
+        """
         leaves, structure = jax.tree.flatten(inputs)
-        floating = tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves)
-        floats, rest = ([leaf for leaf, f in zip(leaves, floating, strict=True) if f is kind] for kind in (True, False))
+        floating = tuple(
+            bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves
+        )
+        floats, rest = (
+            [leaf for leaf, f in zip(leaves, floating, strict=True) if f is kind]
+            for kind in (True, False)
+        )
         rest = [differentiated_value(leaf) for leaf in rest]
         if is_traced(rest):
             raise ValueError(refusal)
         return cls(structure, floating, rest, options), floats
 
     def inputs(self, floats: Iterable[Any], rest: list[Any] | None = None) -> Any:
-        """The inputs of their floating-point leaves; with the ``rest`` in place of the other leaves."""
+        """The inputs of their floating-point leaves.
+
+        With the ``rest`` in place of the other leaves.
+        """
         leaves, others = iter(floats), iter(self.rest if rest is None else rest)
-        return jax.tree.unflatten(self.structure, [next(leaves) if f else next(others) for f in self.floating])
+        return jax.tree.unflatten(
+            self.structure, [next(leaves) if f else next(others) for f in self.floating]
+        )
 
     def tangents(self, dots: Iterable[Any]) -> Any:
         """The tangents of the inputs, of those of their floating-point leaves."""
-        floats = [np.zeros(dot.shape, dot.dtype) if isinstance(dot, SymbolicZero) else dot for dot in dots]
-        return self.inputs(floats, [np.zeros(np.shape(leaf), jax.dtypes.float0) for leaf in self.rest])
+        floats = [
+            np.zeros(dot.shape, dot.dtype) if isinstance(dot, SymbolicZero) else dot for dot in dots
+        ]
+        return self.inputs(
+            floats, [np.zeros(np.shape(leaf), jax.dtypes.float0) for leaf in self.rest]
+        )
 
 
-def padded_columns(path: Path, names: Iterable[str], missing: int, **others: np.ndarray) -> dict[str, Array]:
-    """The columns of a path and ``others``, with rows of nan for ``missing`` states, which have the status of its end."""
-    fills = {"status": int(path.stop), "derivative": int(path.stop), "newton_iterations": 0, "negative_pivots": -1, "switched": 0}
-    fills |= {"contact_active": False}
+def padded_columns(
+    path: Path, names: Iterable[str], missing: int, **others: np.ndarray
+) -> dict[str, Array]:
+    """The columns of a path and ``others``, with nan rows for ``missing`` states.
+
+    These have the status of its end.
+    """
+    fills = {
+        "status": int(path.stop),
+        "derivative": int(path.stop),
+        "newton_iterations": 0,
+        "negative_pivots": -1,
+        "switched": 0,
+    }
 
     def pad(name, column):  # in NumPy: nothing is compiled
-        return jax.device_put(np.concatenate([column, np.full((missing, *np.shape(column)[1:]), fills.get(name, np.nan))]))
+        return jax.device_put(
+            np.concatenate(
+                [column, np.full((missing, *np.shape(column)[1:]), fills.get(name, np.nan))]
+            )
+        )
 
-    return {name: pad(name, column) for name, column in ({name: getattr(path, name) for name in names} | others).items()}
+    return {
+        name: pad(name, column)
+        for name, column in ({name: getattr(path, name) for name in names} | others).items()
+    }

@@ -1,9 +1,20 @@
-"""What drives a sweep: the chemical potential, a parameter of the gel such as temperature, the edges, or loads."""
+"""Controls of a sweep: chemical potential, gel parameters such as temperature, edges, loads."""
 
-from .edges import DIRECTIONS, Load, Stretch
+from .._deprecated import old_names
+from .edges import DIRECTIONS, Load, Punch, Stretch
 from .gels import DrivenParameter
 from .registry import CONTROLS, Kind, chi, driven, pH, salt, temperature
-from .setting import Changes, ChemicalPotential, Control, Driven, Setting, changes_of, check_control, check_fields, check_is_control
+from .setting import (
+    Changes,
+    ChemicalPotential,
+    Control,
+    Driven,
+    Setting,
+    changes_of,
+    check_control,
+    check_fields,
+    check_is_control,
+)
 from .values import check_values, turning_points
 
 __all__ = [
@@ -16,6 +27,7 @@ __all__ = [
     "DrivenParameter",
     "Kind",
     "Load",
+    "Punch",
     "Setting",
     "Stretch",
     "changes_of",
@@ -30,3 +42,5 @@ __all__ = [
     "temperature",
     "turning_points",
 ]
+
+__getattr__ = old_names(__name__)

@@ -1,4 +1,4 @@
-"""Controls that case files, tables, figures and commands know by name."""
+"""Registry of the controls that case files, tables, figures and commands use by name."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -14,7 +14,10 @@ class Kind:
     """What is known of a control before there is a case."""
 
     make: Callable[[Mapping[str, Any]], Control]
-    """Makes it of the chemical potential ``mu`` (kT), the ``direction`` and the ``loads`` (n, 2) or None of a case, each by its name."""
+    """Makes it from a case's ``mu`` (kT), ``direction``, ``loads``, ``obstacle``, ``displacement``.
+
+    These are given by name; ``loads`` are (n, 2) or None.
+    """
     unit: str
     """Of its value; empty for a dimensionless one."""
     label: str
@@ -29,6 +32,8 @@ class Kind:
     """Whether its value is a stretch, above 0, that edges follow along the case's direction."""
     multiplies_loads: bool = False
     """Whether its value is the factor of the case's loads."""
+    moves_obstacle: bool = False
+    """Whether its value is the factor of the displacement of one of the case's obstacles."""
 
 
 def _driven(name):
@@ -37,14 +42,27 @@ def _driven(name):
 
 def _load(own):
     if own["loads"] is None:
-        raise ValueError("sweep.control: 'load' multiplies the loads of a case, and there are none; give a body_force or traction")
+        raise ValueError(
+            "sweep.control: 'load' multiplies the loads of a case, and there are none; give a "
+            "body_force or traction"
+        )
     return edges.Load(own["loads"], own["mu"])
 
 
 CONTROLS: dict[str, Kind] = {
-    "mu": Kind(lambda _: setting.ChemicalPotential(), "kT", r"chemical potential $\mu$", "chemical potential of the solvent", ".4f"),
-    "temperature": Kind(_driven("temperature"), "°C", "temperature", "temperature of the gel", ".3f", 10.0),
-    "chi": Kind(_driven("chi"), "", r"Flory's parameter $\chi$", "Flory's parameter of mixing", ".4f", 0.1),
+    "mu": Kind(
+        lambda _: setting.ChemicalPotential(),
+        "kT",
+        r"chemical potential $\mu$",
+        "chemical potential of the solvent",
+        ".4f",
+    ),
+    "temperature": Kind(
+        _driven("temperature"), "°C", "temperature", "temperature of the gel", ".3f", 10.0
+    ),
+    "chi": Kind(
+        _driven("chi"), "", r"Flory's parameter $\chi$", "Flory's parameter of mixing", ".4f", 0.1
+    ),
     "pH": Kind(_driven("pH"), "", "pH", "pH of the bath", ".3f"),
     "salt": Kind(_driven("salt"), "mol/l", "salt", "salt concentration of the bath", ".5g", 0.1),
     "stretch": Kind(
@@ -56,6 +74,14 @@ CONTROLS: dict[str, Kind] = {
         moves_edges=True,
     ),
     "load": Kind(_load, "", "load factor", "factor of the loads", ".4g", multiplies_loads=True),
+    "punch": Kind(
+        lambda own: edges.Punch(own["displacement"], own["obstacle"], own["mu"]),
+        "mm",
+        "displacement of the punch",
+        "displacement of an obstacle",
+        ".4g",
+        moves_obstacle=True,
+    ),
 }
 """Name -> what is known of the control."""
 
@@ -63,7 +89,11 @@ CONTROLS: dict[str, Kind] = {
 def driven(name: str, mu: Scalar = 0.0) -> gels.DrivenParameter:
     """Control by the gel's parameter of this ``name`` at the chemical potential ``mu`` (kT)."""
     kind = CONTROLS.get(name)
-    return gels.DrivenParameter(name, mu) if kind is None else gels.DrivenParameter(name, mu, unit=kind.unit, scale=kind.scale)
+    return (
+        gels.DrivenParameter(name, mu)
+        if kind is None
+        else gels.DrivenParameter(name, mu, unit=kind.unit, scale=kind.scale)
+    )
 
 
 def temperature(mu: Scalar = 0.0) -> gels.DrivenParameter:

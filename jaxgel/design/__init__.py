@@ -1,6 +1,16 @@
-"""Inverse design: parameters, objectives and constraints of a swollen path, searched with exact gradients and verified."""
+"""Inverse design: parameters, objectives and constraints of a path, searched and verified."""
 
-from .criteria import DRY, OF_GEL, Constraint, bound, misfit, porosity, time_of, value_at, weighted_sum
+from .criteria import (
+    DRY,
+    OF_GEL,
+    Constraint,
+    bound,
+    misfit,
+    porosity,
+    time_of,
+    value_at,
+    weighted_sum,
+)
 from .lagrangian import Invalid
 from .optimisation import Design, Outcome, optimise
 from .optimisers import METHODS, MOST_DENSE

@@ -1,17 +1,21 @@
-"""The augmented Lagrangian of a design with constraints, and how an evaluation or a search ends without a value."""
+"""Augmented Lagrangian of a design with constraints, and ends of a search without a value."""
 
 import numpy as np
 
 from .._types import Array, Float
 
 PENALTY = 10.0  # first rho; constraints and objective are scaled to 1
-PENALTY_GROWTH = 3.0  # of rho where the violation has not fallen to a quarter
-MARGIN = 1e-3  # by which the augmented Lagrangian wants its constraints met, since it comes from outside
+PENALTY_GROWTH = 3.0  # of rho if the violation has not fallen to a quarter
+# by which the constraints of the augmented Lagrangian are to be met, since it comes from outside
+MARGIN = 1e-3
 SHORTEST = 2.0**-8  # of a step that is halved, and of a box
 
 
 class Invalid(ArithmeticError):
-    """A design without a usable value; the text says why. A function of a `DesignProblem` may raise it, too."""
+    """A design without a usable value; the text says why.
+
+    A function of a `DesignProblem` may raise it, too.
+    """
 
 
 class Exhausted(Exception):
@@ -42,7 +46,7 @@ class Lagrangian:
         return np.concatenate([[1.0], -self._kept(values)])
 
     def update(self, values: Float[Array, " c"]) -> None:
-        """New multipliers, and a larger penalty where the violation falls slowly."""
+        """New multipliers, and a larger penalty if the violation falls slowly."""
         self.multipliers = self._kept(values)
         violation = float(np.max(np.maximum(MARGIN - values[1:], 0.0), initial=0.0))
         if violation > max(0.25 * self.violation, 2 * MARGIN):

@@ -1,7 +1,8 @@
-"""Inverse design: parameters -> plate and gel -> swollen path -> objective and constraints, searched with exact gradients.
+"""Inverse design: parameters -> plate, gel -> path -> objective and constraints.
 
-Optimisers see every parameter scaled to [0, 1] by its bounds. What they ask for is in `search`, how they take constraints and invalid
-designs in `optimisers`, and the usual objectives and constraints are in `objectives`.
+Searched with exact gradients. Every parameter is scaled to [0, 1] by its bounds. Evaluations are in
+`search`, constraints and invalid designs of each optimiser in `optimisers`, and the usual
+objectives and constraints are in `objectives`.
 """
 
 import dataclasses
@@ -33,28 +34,33 @@ class Outcome(enum.StrEnum):
         return {
             "converged": "the optimiser finds no better design nearby",
             "exhausted": "the number of evaluations is used up; give more of them to go on",
-            "stuck": "no step from the best design gives a valid one, however short; look at the reasons in the history",
+            "stuck": (
+                "no step from the best design gives a valid one, however short; look at the "
+                "reasons in the history"
+            ),
             "interrupted": "interrupted by the user; resume goes on",
         }[self]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
-    """The best design of a search and how it was found."""
+    """Best design of a search; `optimise` returns it."""
 
     parameters: dict
-    """Name -> value of the best design: feasible if any was, otherwise the one with the least violation."""
+    """Name -> value of the best design; without a feasible one, that of the least violation."""
     value: float
-    """Its objective, in the user's own sign and unit."""
+    """Objective of the best design, in the user's sign and unit."""
     constraints: dict
-    """Name -> smallest value of each constraint's function there, in its own unit; met if not negative."""
+    """Name -> smallest value of each constraint's function, in its unit; met if not negative."""
     feasible: bool
-    """Whether it meets all constraints."""
+    """Whether the best design meets all constraints."""
     outcome: Outcome
     """How the search ended."""
     history: list
-    """One dict per evaluation: value, violation (largest, scaled), feasible, invalid (text, empty if valid), cloud (its number) and
-    reported, as below."""
+    """One dict per evaluation: value, violation (largest, scaled), feasible, invalid, cloud.
+
+    ``invalid`` is a text, empty if valid, ``cloud`` its number; and reported, as below.
+    """
     reported: dict = dataclasses.field(default_factory=dict)
     """Name -> number of the best design, of what its problem reports."""
 
@@ -76,27 +82,53 @@ def optimise(
     record: dict[str, Any] | None = None,
     quiet: bool = True,
 ) -> Design:
-    """The `Design` found by ``method`` within a number of sweeps, starting at ``problem.start``.
+    """Best `Design` of a design problem within a number of sweeps, from the start of the problem.
 
-    ``method`` is "slsqp" (SciPy), "mma" (nlopt, extra ``[mma]``), "lbfgs" (SciPy's L-BFGS-B), "adam", or an optax
-    GradientTransformation for parameters scaled to [0, 1], whose update is given ``value``, ``grad`` and ``value_fn``; the
-    last three take constraints by an augmented Lagrangian, see `optimisers`. ``step`` is the longest move of a scaled parameter at once,
-    ``tolerance`` the change of the objective, over its start value, that no longer counts. With a ``folder`` the log is on disk, whole,
-    after every evaluation, and ``resume`` continues it to the same numbers as without interruption; ``record`` (a dict) is stored with
-    it. Raises ValueError for an unknown method, a start that is no valid design, and a log of another problem.
+    Arguments:
+
+    - `problem`: the `DesignProblem`.
+    - `method`: "slsqp" (SciPy), "mma" (nlopt, extra `[mma]`), "lbfgs" (SciPy's L-BFGS-B), "adam",
+      or an optax GradientTransformation for parameters scaled to [0, 1], whose update is given
+      `value`, `grad` and `value_fn`; the last three take constraints by an augmented Lagrangian,
+      see `optimisers`.
+    - `evaluations`: largest number of evaluations, one sweep with its gradient each.
+    - `step`: largest change of a scaled parameter at once, in (0, 1].
+    - `tolerance`: change of the objective, over its start value, that ends the search, in (0, 1].
+    - `folder`: where the complete log is written after every evaluation; no log by default.
+    - `resume`: whether to continue the log in `folder`, to the same numbers as a search without
+      interruption.
+    - `record`: dict stored with the log.
+    - `quiet`: whether to print no progress.
+
+    Returns the design; `outcome` says how the search ended, also if the user interrupted it.
+
+    Raises `ValueError` for an unknown method or an unusable option, a start that is no valid
+    design, and a log of another problem. Example: design/bistable.py; see docs/howto/design.md.
     """
     if not 0 < step <= 1:
         raise ValueError(f"step: {step!r} is not in (0, 1], the share of the bounds' range")
     if evaluations < 1:
         raise ValueError(f"evaluations: {evaluations!r} is not a whole number of at least 1")
     if not 0 < tolerance <= 1:
-        raise ValueError(f"tolerance: {tolerance!r} is not in (0, 1], a share of the objective at the start")
+        raise ValueError(
+            f"tolerance: {tolerance!r} is not in (0, 1], a share of the objective at the start"
+        )
     if method == "slsqp" and len(problem.vector) > MOST_DENSE:
-        raise ValueError(f"method: 'slsqp' takes at most {MOST_DENSE} parameters, not {len(problem.vector)}; use 'mma', 'lbfgs' or 'adam'")
+        raise ValueError(
+            f"method: 'slsqp' takes at most {MOST_DENSE} parameters, not {len(problem.vector)}; "
+            "use 'mma', 'lbfgs' or 'adam'"
+        )
     run = optimiser(method, step, tolerance)
     if isinstance(method, optax.GradientTransformation):
         check_transformation(method, problem.vector)
-    search = Search(problem, evaluations, folder=folder, name=str(method) if method in METHODS else "optax", record=record, quiet=quiet)
+    search = Search(
+        problem,
+        evaluations,
+        folder=folder,
+        name=str(method) if method in METHODS else "optax",
+        record=record,
+        quiet=quiet,
+    )
     if resume:
         search.recall()
     try:
@@ -119,7 +151,10 @@ def _design(search, outcome):
     """`Design` of a search's log."""
     best = search.best()
     return Design(
-        parameters={name: np.asarray(v) for name, v in search.problem.parameters(np.array(best["vector"])).items()},
+        parameters={
+            name: np.asarray(v)
+            for name, v in search.problem.parameters(np.array(best["vector"])).items()
+        },
         value=search.value(best),
         constraints=search.constraints(best),
         feasible=violation(best["values"][1:]) <= FEASIBLE,
@@ -131,7 +166,12 @@ def _design(search, outcome):
 
 def _row(search, entry):
     row = dict(
-        value=None, violation=None, feasible=False, invalid=entry["invalid"], cloud=entry["cloud"], reported=entry.get("reported", {})
+        value=None,
+        violation=None,
+        feasible=False,
+        invalid=entry["invalid"],
+        cloud=entry["cloud"],
+        reported=entry.get("reported", {}),
     )
     if not entry["invalid"]:
         most = violation(entry["values"][1:])

@@ -1,13 +1,15 @@
-"""Optimisers behind one face: functions of a search, which evaluates scaled designs in [0, 1]^n and says which are invalid.
+"""Common interface to the optimisers: searches over scaled designs in [0, 1]^n.
 
-Methods of optax and L-BFGS-B take constraints g >= 0 by an augmented Lagrangian, f + sum (max(0, lambda - rho g)^2 - lambda^2)
-/ (2 rho) (Nocedal & Wright 2006, section 17.4): it is smooth, needs one reverse pass for all constraints together, and allows an
-infeasible start. A line search of optax evaluates designs of its own, each logged and counted. SLSQP and MMA know constraints
-themselves. Bounds are kept by projection (optax) or natively: unlike a sigmoid they can be reached, and do not flatten the objective near
-them.
+Methods of optax and L-BFGS-B take constraints g >= 0 by an augmented Lagrangian, f + sum (max(0,
+lambda - rho g)^2 - lambda^2) / (2 rho) (Nocedal & Wright 2006, section 17.4): it is smooth, needs
+one reverse pass for all constraints together, and allows an infeasible start. A line search of
+optax evaluates designs of its own, each logged and counted. SLSQP and MMA take constraints
+directly. Bounds are kept by projection (optax) or natively: unlike a sigmoid they can be reached,
+and do not flatten the objective near them.
 
-The quasi-Newton methods work in boxes around the best design, the move limits of structural optimisation: an invalid design halves
-the box, so that what the method believes of the objective never rests on a design without a value.
+The quasi-Newton methods work in boxes around the best design, the move limits of structural
+optimisation: an invalid design halves the box, so that the method's model of the objective never
+rests on a design without a value.
 """
 
 import functools
@@ -28,12 +30,18 @@ METHODS = ("slsqp", "mma", "lbfgs", "adam")
 MOST_DENSE = 500  # parameters of SLSQP, whose steps take the cube of their number
 LEARNING_RATE = 0.02  # of adam, in scaled parameters
 INNER = 50  # iterations of a quasi-Newton method in one box
-CURVATURE = 1e-4  # that MMA adds at first: from 1, its own, it shrinks in steps so short that they would count as converged
-STALLED = 1e-6  # step of a quasi-Newton method, in scaled parameters, that leaves the design as it was
+# that MMA adds at first: from 1, its own, it shrinks in steps so short that they would count as
+# converged
+CURVATURE = 1e-4
+# step of a quasi-Newton method, in scaled parameters, that leaves the design as it was
+STALLED = 1e-6
 
 
 def optimiser(method: Any, step: float, tolerance: float) -> Callable:
-    """Function of a search that runs ``method``, a name of ``METHODS`` or an optax GradientTransformation; ValueError for others."""
+    """Function of a search that runs ``method``, of ``METHODS`` or an optax transformation.
+
+    A GradientTransformation; ValueError for others.
+    """
     if isinstance(method, optax.GradientTransformation):
         return functools.partial(first_order, transformation=method, step=step)
     if method == "adam":
@@ -44,14 +52,18 @@ def optimiser(method: Any, step: float, tolerance: float) -> Callable:
         return functools.partial(lbfgs, step=step, tolerance=tolerance)
     solve = {"slsqp": slsqp, "mma": mma}.get(method) if isinstance(method, str) else None
     if solve is None:
-        raise ValueError(f"method: {method!r} is neither one of {', '.join(METHODS)} nor an optax GradientTransformation")
+        raise ValueError(
+            f"method: {method!r} is neither one of {', '.join(METHODS)} nor an optax "
+            "GradientTransformation"
+        )
     return functools.partial(in_boxes, solve=solve, step=step, tolerance=tolerance)
 
 
 def lbfgs(search: Any, *, step: float, tolerance: float) -> None:
-    """SciPy's L-BFGS-B on the augmented Lagrangian, in boxes of half-width ``step``, with new multipliers after each.
+    """SciPy's L-BFGS-B on the augmented Lagrangian in boxes of half-width ``step``.
 
-    It ends where the Lagrangian no longer falls and the constraints are met.
+    The multipliers are updated after each box. It ends if the Lagrangian no longer falls and the
+    constraints are met.
     """
     centre, reach, lagrangian = search.start, step, None
     while reach >= SHORTEST * step:
@@ -63,7 +75,11 @@ def lbfgs(search: Any, *, step: float, tolerance: float) -> None:
             there = search.at(v)
             return worth.value(there.values), there.gradient(worth.weights(there.values))
 
-        options = dict(bounds=np.stack([low, high], axis=1), method="L-BFGS-B", options=dict(ftol=tolerance, maxiter=INNER))
+        options = dict(
+            bounds=np.stack([low, high], axis=1),
+            method="L-BFGS-B",
+            options=dict(ftol=tolerance, maxiter=INNER),
+        )
         try:
             scipy.optimize.minimize(value_and_gradient, centre, jac=True, **options)
             failed = False
@@ -81,10 +97,12 @@ def lbfgs(search: Any, *, step: float, tolerance: float) -> None:
 
 
 def in_boxes(search: Any, *, solve: Callable, step: float, tolerance: float) -> None:
-    """Run ``solve(search, centre, low, high, tolerance)`` in boxes of half-width ``step`` around the best design until none is better.
+    """Run ``solve(search, centre, low, high, tolerance)`` in boxes until none is better.
 
-    Designs compare by objective + PENALTY * violation, so that a box may end next to a constraint and the following one meet it.
-    A design that violates one by more than the ``tolerance``, as SLSQP itself has it, is no optimum: `Stuck`.
+    They have the half-width ``step`` and lie around the best design. Designs compare by objective +
+    PENALTY * violation, so that a box may end next to a constraint and the following one meet it. A
+    design that violates one by more than the ``tolerance``, as SLSQP itself has it, is no optimum:
+    `Stuck`.
     """
     centre, reach = search.start, step
     while reach >= SHORTEST * step:
@@ -100,7 +118,13 @@ def in_boxes(search: Any, *, solve: Callable, step: float, tolerance: float) -> 
         best = search.best(_merit)
         centre, better = np.array(best["vector"]), _merit(here.entry) - _merit(best) > tolerance
         inside = np.all((centre > low) | (low == 0)) and np.all((centre < high) | (high == 1))
-        if inside and not better and not failed and not stalled and violation(best["values"][1:]) <= tolerance:
+        if (
+            inside
+            and not better
+            and not failed
+            and not stalled
+            and violation(best["values"][1:]) <= tolerance
+        ):
             return
         if failed or not better:
             reach *= 0.5
@@ -112,8 +136,17 @@ def _merit(entry):
     return entry["values"][0] + PENALTY * violation(entry["values"][1:])
 
 
-def slsqp(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: Float[Array, " d"], tolerance: float) -> None:
-    """SciPy's sequential quadratic programming in a box; `Stalled` where its line search shrinks on, as between constraints at odds."""
+def slsqp(
+    search: Any,
+    centre: Float[Array, " d"],
+    low: Float[Array, " d"],
+    high: Float[Array, " d"],
+    tolerance: float,
+) -> None:
+    """SciPy's sequential quadratic programming in a box.
+
+    `Stalled` if its line search shrinks on, as between constraints at odds.
+    """
     here = search.at(centre)
 
     def at(v):
@@ -126,7 +159,13 @@ def slsqp(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high
 
     constraints = []
     if len(here.values) > 1:
-        constraints = [{"type": "ineq", "fun": lambda v: at(v).values[1:], "jac": lambda v: at(v).jacobian()[1:]}]
+        constraints = [
+            {
+                "type": "ineq",
+                "fun": lambda v: at(v).values[1:],
+                "jac": lambda v: at(v).jacobian()[1:],
+            }
+        ]
     scipy.optimize.minimize(
         lambda v: at(v).values[0],
         centre,
@@ -138,7 +177,13 @@ def slsqp(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high
     )
 
 
-def mma(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: Float[Array, " d"], tolerance: float) -> None:
+def mma(
+    search: Any,
+    centre: Float[Array, " d"],
+    low: Float[Array, " d"],
+    high: Float[Array, " d"],
+    tolerance: float,
+) -> None:
     """The method of moving asymptotes of nlopt (Svanberg 2002) in a box."""
     import nlopt
 
@@ -181,7 +226,8 @@ def mma(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: 
     solver.set_maxeval(INNER)
     try:
         solver.optimize(centre)
-    except (nlopt.ForcedStop, nlopt.RoundoffLimited, RuntimeError):  # the last is nlopt's own failure without a reason
+    # the last is nlopt's own failure without a reason
+    except (nlopt.ForcedStop, nlopt.RoundoffLimited, RuntimeError):
         if raised:
             raise raised[0] from None
         raise Stuck from None

@@ -1,8 +1,9 @@
-"""The search for a design as an optimiser sees it: scaled evaluations with gradients, every one logged, on clouds that keep up.
+"""Search for a design: scaled evaluations with gradients, logged, on clouds renewed as holes move.
 
-An evaluation is one sweep; its gradients are reverse passes on that same sweep, taken only when asked for, one for each weighted sum
-of objective and constraints. A design is `Invalid` if jaxgel refuses its plate, cloud or gel (`Inadmissible`), finds no state, or if its
-states are unstable or touch themselves; every other error ends the search. An interrupted search repeats its log.
+An evaluation is one sweep; its gradients are reverse passes on that same sweep, taken only when
+asked for, one for each weighted sum of objective and constraints. A design is `Invalid` if jaxgel
+refuses its plate, cloud or gel (`Inadmissible`), finds no state, or if its states are unstable or
+touch themselves; every other error ends the search. An interrupted search repeats its log.
 """
 
 import dataclasses
@@ -35,7 +36,7 @@ FEASIBLE = 1e-4  # violation of a scaled constraint that still counts as met
 
 
 class Search:
-    """Objective and constraints of a problem for an optimiser: at most so many evaluations, all logged."""
+    """Objective and constraints of a problem for an optimiser: limited evaluations, all logged."""
 
     def __init__(
         self,
@@ -47,22 +48,31 @@ class Search:
         record: dict | None = None,
         quiet: bool = True,
     ) -> None:
-        self.problem, self.evaluations, self.name, self.record = problem, evaluations, name, record or {}
+        self.problem, self.evaluations, self.name, self.record = (
+            problem,
+            evaluations,
+            name,
+            record or {},
+        )
         self.start = problem.vector
         self.log, self.known, self.unit = [], {}, None
-        self.ahead = []  # entries of an interrupted search that have not been asked for again: the optimiser must not see them yet
+        # entries of an interrupted search that have not been asked for again: hidden from the
+        # optimiser until then
+        self.ahead = []
         self.cloud: object = None  # in use, with its number; so many were made
         self.number, self.clouds = 0, 0
         self.folder = open_folder(folder) if folder is not None else None
         self.live: tuple = (None, None)  # the latest entry of the log with its pullback
-        self.bar = tqdm(total=evaluations, unit="sweep", disable=True if quiet else None, leave=False)
+        self.bar = tqdm(
+            total=evaluations, unit="sweep", disable=True if quiet else None, leave=False
+        )
         dry = self._plate(self.start)
         self.dry = [c for c in problem.constraints if c.dry or c.of_gel]
         self.of_path = [c for c in problem.constraints if not (c.dry or c.of_gel)]
         self._dry_parts = [(c, np.size(c.function(dry)) if c.dry else 1) for c in self.dry]
 
     def first(self) -> None:
-        """Evaluate the start; ValueError, one line, where it is no valid design."""
+        """Evaluate the start; ValueError, one line, if it is no valid design."""
         self.cloud, self.clouds = self.problem.make_cloud(self._plate(self.start)), 1
         try:
             self._sound(self.start)
@@ -70,9 +80,9 @@ class Search:
             raise Inadmissible(f"start: the first design is not valid: {reason}") from None
 
     def settle(self, vector: Float[Array, " d"]) -> "Evaluation":
-        """`Evaluation` of a valid design to go on from, on a new cloud where the present one has become too poor there.
+        """`Evaluation` of a valid design to go on from, on a new cloud if the old one is poor.
 
-        The old cloud stays where the new one cannot be made or the design is not valid on it.
+        The old cloud stays if the new one cannot be made or the design is not valid on it.
         """
         before = self.cloud, self.number
         try:
@@ -94,7 +104,10 @@ class Search:
         return here
 
     def at(self, vector: Float[Array, " d"]) -> "Evaluation":
-        """`Evaluation` of a scaled design (n,); raises `Invalid`, or `Exhausted` once the number of evaluations is used up."""
+        """`Evaluation` of a scaled design (n,).
+
+        Raises `Invalid`, or `Exhausted` once the number of evaluations is used up.
+        """
         vector = np.array(vector, dtype=float)
         entry = self.known.get((self.number, vector.tobytes()))
         if entry is None:
@@ -110,15 +123,26 @@ class Search:
         return Evaluation(self, entry, vector, np.array(entry["values"]))
 
     def best(self, worth: Callable[[dict], Any] | None = None) -> dict:
-        """The valid entry of least ``worth(entry)``, by default of least violation and then least objective.
+        """The valid entry of least ``worth(entry)``, default: violation, then objective.
 
-        Only those of the cloud in use, as values differ from cloud to cloud by the discretisation error.
+        Only those of the cloud in use, as values differ from cloud to cloud by the discretisation
+        error.
         """
-        worth = worth or (lambda entry: (max(violation(entry["values"][1:]), FEASIBLE), entry["values"][0]))
-        return min((entry for entry in self.log if not entry["invalid"] and entry["cloud"] == self.number), key=worth)
+        worth = worth or (
+            lambda entry: (max(violation(entry["values"][1:]), FEASIBLE), entry["values"][0])
+        )
+        return min(
+            (entry for entry in self.log if not entry["invalid"] and entry["cloud"] == self.number),
+            key=worth,
+        )
 
-    def gradients(self, entry: dict, vector: Float[Array, " d"], weights: Float[Array, " c"]) -> Float[Array, " d"]:
-        """Gradient (n,) of the sum of objective and path constraints with ``weights`` (1 + w,) at an entry; one reverse pass."""
+    def gradients(
+        self, entry: dict, vector: Float[Array, " d"], weights: Float[Array, " c"]
+    ) -> Float[Array, " d"]:
+        """Gradient (n,) of the sum of objective and path constraints with ``weights`` (1 + w,).
+
+        It takes one reverse pass.
+        """
         asked = list(map(float, weights))
         for known, row in entry["gradients"]:
             if known == asked:
@@ -139,21 +163,34 @@ class Search:
         parameters = self.problem.parameters(vector)
         plate, gel = self.problem.plate(parameters), self.problem.gel_at(parameters)
         cloud = self.cloud.at(plate) if any(c.of_gel for c in self.dry) else self.cloud
-        return jnp.concatenate([jnp.zeros(0), *(c.without_sweep(plate, cloud, gel) / c.scale for c in self.dry)])
+        return jnp.concatenate(
+            [jnp.zeros(0), *(c.without_sweep(plate, cloud, gel) / c.scale for c in self.dry)]
+        )
 
     def recall(self) -> None:
         """Take the log of the folder for granted; ValueError unless it is of this problem."""
         log = read_log(self.folder)
         if log["problem"] != self._identity():
-            raise ValueError(f"folder: {LOG} in {str(self.folder)!r} is of another problem; give another folder, or do not resume")
+            raise ValueError(
+                f"folder: {LOG} in {str(self.folder)!r} is of another problem; give another "
+                "folder, or do not resume"
+            )
         self.ahead, self.unit = log["evaluations"], log["unit"]
-        self.known = {(entry["cloud"], np.array(entry["vector"]).tobytes()): entry for entry in self.ahead}
+        self.known = {
+            (entry["cloud"], np.array(entry["vector"]).tobytes()): entry for entry in self.ahead
+        }
 
     def write(self, outcome: str = "running") -> None:
         """The log to disk, whole or not at all."""
         if self.folder is None:
             return
-        log = dict(format=FORMAT, problem=self._identity(), record=self.record, outcome=str(outcome), unit=self.unit)
+        log = dict(
+            format=FORMAT,
+            problem=self._identity(),
+            record=self.record,
+            outcome=str(outcome),
+            unit=self.unit,
+        )
         log["evaluations"] = [*self.log, *self.ahead]
         encoded = json.dumps(log, allow_nan=False).encode()
         write_atomically(self.folder / LOG, lambda stream: stream.write(encoded))
@@ -173,21 +210,39 @@ class Search:
         return values
 
     def _identity(self):
-        bounds = {name: [side.tolist() for side in sides] for name, sides in self.problem.bounds.items()}
+        bounds = {
+            name: [side.tolist() for side in sides] for name, sides in self.problem.bounds.items()
+        }
         names = [c.name for c in self.problem.constraints]
-        identity = dict(method=self.name, start=self.start.tolist(), bounds=bounds, mu=self.problem.mu, constraints=names)
+        identity = dict(
+            method=self.name,
+            start=self.start.tolist(),
+            bounds=bounds,
+            mu=self.problem.mu,
+            constraints=names,
+        )
         in_time = repr((self.problem.time, self.problem.baths))
-        spread = {} if self.problem.spread is None else {"spread": [self.problem.spread.weight, *self.problem.spread.errors.tolist()]}
+        spread = (
+            {}
+            if self.problem.spread is None
+            else {"spread": [self.problem.spread.weight, *self.problem.spread.errors.tolist()]}
+        )
         return identity | spread | ({} if self.problem.time is None else dict(time=in_time))
 
     def _evaluate(self, vector):
         """A new entry of the log."""
         began = time.perf_counter()
-        entry = dict(vector=vector.tolist(), invalid="", values=None, gradients=[], cloud=self.number)
+        entry = dict(
+            vector=vector.tolist(), invalid="", values=None, gradients=[], cloud=self.number
+        )
         try:
             values, pullback, entry["reported"] = self._forward(vector)
             self.unit = (abs(float(values[0])) or 1.0) if self.unit is None else self.unit
-            entry["values"] = [float(values[0]) / self.unit, *map(float, values[1:]), *map(float, self.dry_values(vector))]
+            entry["values"] = [
+                float(values[0]) / self.unit,
+                *map(float, values[1:]),
+                *map(float, self.dry_values(vector)),
+            ]
             self.live = entry, self._scaled(pullback)
         except (Invalid, Inadmissible, StateNotFound) as reason:
             entry["invalid"] = " ".join(str(reason).split())
@@ -202,7 +257,10 @@ class Search:
         return lambda weights: pullback(weights.at[0].divide(unit))
 
     def _forward(self, vector):
-        """Objective and scaled path constraints (1 + w,) at a design, their pullback, and what is reported; raises `Invalid`."""
+        """Objective and scaled path constraints (1 + w,), their pullback, and reported numbers.
+
+        An invalid design raises `Invalid`.
+        """
         problem = self.problem
         plate = self._plate(vector)
         check_plate(plate)
@@ -212,7 +270,10 @@ class Search:
 
         def evaluate(vector):
             parameters = problem.parameters(vector)
-            path, made = problem.path(parameters, self.cloud), problem.as_made(parameters, self.cloud)
+            path, made = (
+                problem.path(parameters, self.cloud),
+                problem.as_made(parameters, self.cloud),
+            )
             values = [problem.value(path, made) * (-1.0 if problem.maximise else 1.0)]
             values += [jnp.asarray(c.function(path)) / c.scale for c in self.of_path]
             reported = {name: function(path) for name, function in problem.reported.items()}
@@ -234,12 +295,15 @@ class Search:
         self.bar.n = len(self.log)
         if not entry["invalid"]:
             best = self.best()
-            self.bar.set_postfix_str(f"best {self.value(best):.6g}, violation {violation(best['values'][1:]):.2g}", refresh=True)
+            self.bar.set_postfix_str(
+                f"best {self.value(best):.6g}, violation {violation(best['values'][1:]):.2g}",
+                refresh=True,
+            )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A valid design as an optimiser sees it: all numbers scaled, constraints met where not negative."""
+    """A valid design for an optimiser: all numbers scaled, constraints met if not negative."""
 
     search: Search
     entry: dict
@@ -249,13 +313,18 @@ class Evaluation:
     """(1 + c,) objective, constraints on the path, constraints on the dry plate."""
 
     def gradient(self, weights: Float[Array, " c"]) -> Float[Array, " d"]:
-        """Gradient (n,) of ``weights`` (1 + c,) times the values: one reverse pass through the sweep, whatever c."""
+        """Gradient (n,) of ``weights`` (1 + c,) times the values by one reverse pass."""
         first = 1 + len(self.search.of_path)
-        (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](jnp.asarray(weights[first:]))
+        (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](
+            jnp.asarray(weights[first:])
+        )
         return self.search.gradients(self.entry, self.vector, weights[:first]) + np.asarray(dry)
 
     def jacobian(self) -> Float[Array, "c d"]:
-        """Gradients (1 + c, n) of all values: a reverse pass for the objective and for each constraint on the path."""
+        """Gradients (1 + c, n) of all values, by one reverse pass for each of them.
+
+        These are the objective and the constraints on the path.
+        """
         first = 1 + len(self.search.of_path)
         rows = [self.search.gradients(self.entry, self.vector, row) for row in np.eye(first)]
         dry = np.asarray(jax.jacrev(self.search.dry_values)(jnp.asarray(self.vector)))
@@ -263,14 +332,21 @@ class Evaluation:
 
 
 def check_path(path: Path, allow_unstable: bool = False) -> None:
-    """Raise `Invalid`, in one line, for a path with a state that was not reached, has no derivative, is unstable, or touches itself."""
+    """Raise `Invalid`, one line, for a path with an invalid state.
+
+    It was not reached, has no derivative, is unstable, or touches itself.
+    """
     name = path.control.name
-    examined = np.asarray(path.ok) & ~np.isin(path.derivative, (Status.NOT_EXAMINED, Status.LOST_STABILITY))
+    examined = np.asarray(path.ok) & ~np.isin(
+        path.derivative, (Status.NOT_EXAMINED, Status.LOST_STABILITY)
+    )
     status = np.where(examined, path.derivative, path.status)
     if np.any(status != Status.CONVERGED):
         k = int(np.argmax(status != Status.CONVERGED))
         lacking = "derivative" if path.ok[k] else "state"
-        raise Invalid(f"no {lacking} at {name} = {float(path.value[k]):.4f}: {Status(int(status[k])).text}")
+        raise Invalid(
+            f"no {lacking} at {name} = {float(path.value[k]):.4f}: {Status(int(status[k])).text}"
+        )
     if np.any(np.asarray(path.negative_pivots) > 0) and not allow_unstable:
         k = int(np.argmax(np.asarray(path.negative_pivots) > 0))
         raise Invalid(f"unstable at {name} = {float(path.value[k]):.4f}")
@@ -287,9 +363,14 @@ def check_reported(reported: dict[str, float]) -> None:
 
 
 def read_log(folder: pathlib.Path | str) -> dict[str, Any]:
-    """The log of a design's folder as a dict; ValueError for a folder without one, or a damaged one."""
+    """The log of a design's folder as a dict.
+
+    ValueError for a folder without one, or a damaged one.
+    """
     file = open_folder(folder) / LOG
     log = read_record(file, FORMAT) or {}
     if not (isinstance(log.get("evaluations"), list) and isinstance(log.get("record"), dict)):
-        raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by this version of jaxgel")
+        raise ValueError(
+            f"folder: {str(file)!r} is missing, damaged or not written by this version of jaxgel"
+        )
     return log

@@ -1,8 +1,10 @@
-"""What a gel that switches is judged by: functions of a path's model and gel that drive it up and down by a control of their own.
+"""Objectives of switching gels: functions of a loop along a control of their own.
 
-Each is an objective, or the function of a `criteria.Constraint`, of a `DesignProblem`; its path need not come near the switch. A design
-without such a point, or whose states are not found, is invalid: `StateNotFound` says which. A control may be a function of the path, as
-one whose loads are those of the path's model. Functions with the same values, control and loads share one loop for each path.
+Each is an objective, or the function of a `criteria.Constraint`, of a `DesignProblem`; its path
+need not come near the switch. A design without such a point, or whose states are not found, is
+invalid: `StateNotFound` says which. A control may be a function of the path, as one whose loads are
+those of the path's model. Functions with the same values, control and loads share one loop for each
+path.
 """
 
 import dataclasses
@@ -25,7 +27,7 @@ Driver = Control | Callable[[Path], Control]
 
 
 def fold_up(values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
-    """Function of a path: the value of ``loop.fold_up`` of its model and gel under a ``control``, see `loop`."""
+    """Function of a path: ``loop.fold_up`` of its model and gel under a ``control``, see `loop`."""
     drive = _Drive(values, control, loads)
     return lambda path: _value("fold_up", _loop(path, drive).fold_up)
 
@@ -37,7 +39,7 @@ def fold_down(values: Ends, control: Driver = BY_MU, loads: Loads | None = None)
 
 
 def loop_width(values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
-    """Function of a path: ``loop.width``, in the unit of the control, as `fold_up`; 0 without jumps."""
+    """Function of a path: ``loop.width``, in the control's unit, as `fold_up`; 0 without jumps."""
     drive = _Drive(values, control, loads)
 
     def width(path):
@@ -49,8 +51,13 @@ def loop_width(values: Ends, control: Driver = BY_MU, loads: Loads | None = None
     return width
 
 
-def barrier_height(at: float, values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
-    """Function of a path: the barrier, kT/v mm^2, that keeps the gel at the value ``at`` in its state on the way up, see `barrier`."""
+def barrier_height(
+    at: float, values: Ends, control: Driver = BY_MU, loads: Loads | None = None
+) -> OfPath:
+    """Function of a path: barrier, kT/v mm^2, of the state at ``at`` on the way up.
+
+    See `barrier`.
+    """
     drive = _Drive(values, control, loads)
 
     @once_per_owner
@@ -64,7 +71,7 @@ def barrier_height(at: float, values: Ends, control: Driver = BY_MU, loads: Load
 
 
 def onset(values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
-    """Function of a path: the value of the first of the `critical_points` between the ``values``, as `fold_up`."""
+    """Function of a path: the first of the `critical_points` between ``values``, as `fold_up`."""
     drive = _Drive(values, control, loads)
 
     @once_per_owner
@@ -87,14 +94,18 @@ SWITCHES: dict[str, Callable[..., OfPath]] = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Drive:
-    """What drives the gel of a path; equal where values, control and loads are the same objects."""
+    """What drives the gel of a path; equal if values, control and loads are the same objects."""
 
     values: Ends
     control: Driver
     loads: Loads | None
 
     def __eq__(self, other):
-        return self.values == other.values and self.control is other.control and self.loads is other.loads
+        return (
+            self.values == other.values
+            and self.control is other.control
+            and self.loads is other.loads
+        )
 
     def __hash__(self):
         return hash((self.values, id(self.control), id(self.loads)))
@@ -103,7 +114,9 @@ class _Drive:
         """The problem of the model and the gel of a path under the control and the loads."""
         control = self.control if isinstance(self.control, Control) else self.control(path)
         loads = None if self.loads is None else self.loads.of(path.model)
-        return Problem(path.model, path.gel, loads=loads, control=control, contact=path.problem.has_contact)
+        return Problem(
+            path.model, path.gel, loads=loads, control=control, contact=path.problem.has_contact
+        )
 
 
 @once_per_owner

@@ -20,7 +20,8 @@ from .problem import DesignProblem
 from .search import check_path, check_reported
 
 STEP = 2**-0.25  # spacing of a cloud of a refinement over that of the one before
-TOLERANCE = 0.01  # of the objective's scale and of the constraints': error bars that end a refinement
+# of the objective's scale and of the constraints': error bars that end a refinement
+TOLERANCE = 0.01
 
 
 def verify(
@@ -32,20 +33,34 @@ def verify(
     scale: float = 0.0,
     tolerance: float = TOLERANCE,
 ) -> tuple[dict[str, Any], Path]:
-    """Objective, constraints and state of a design on a fresh cloud built from its final holes: a dict, and the path.
+    """Objective, constraints and state of a design on a fresh cloud: a dict, and the `Path`.
 
-    ``spacing`` in mm; ``mu`` (k,) defaults to the problem's own with a value between every two, in
-    time to its times with half the steps. The dict holds value, constraints
-    (name -> smallest value, in its unit), valid (bool), reason (one line), nodes, spacing, the worst negative_pivots, min_gap and
-    surface_ratio of the path, ``last``, the quantities of `objectives.CURVES` at its last mu, and ``reported``, the numbers that the
-    problem reports; None where there is no value.
+    Arguments:
 
-    With two spacings (first, finest) the design is computed on ever finer clouds, three at least, until its numbers no longer move: until
-    it is valid, the error bar of its objective (see `verification.error_bars`) is at most ``tolerance`` times its value, or times ``scale``
-    if that is larger, and each constraint is met by more than its bar, or known to within ``tolerance`` times its scale. Dict and path
-    are those of the last cloud, and the dict has two more entries: ``clouds``, a list of the spacing, nodes and value of each, and
-    ``errors``, the error bars of value, constraints, last and reported, None where there is none. A cloud that cannot be made, since it
-    leaves a ligament empty, is left out, unless it is the finest one.
+    - `problem`: the `DesignProblem`.
+    - `parameters`: name -> value of the design, as `Design.parameters`.
+    - `spacing`: node spacing, mm, or two spacings (first, finest) for a sequence of clouds.
+    - `mu` (k,): values of the control; by default the problem's with one between every two, in time
+      its times with half the steps.
+    - `scale`: least value of the objective, in its unit, to which `tolerance` is relative.
+    - `tolerance`: relative error bar that ends a sequence of clouds (0.01).
+
+    The cloud is built from the final holes. The dict holds value, constraints (name -> smallest
+    value, in its unit), valid (bool), reason (one line), nodes, spacing, the worst negative_pivots,
+    min_gap and surface_ratio of the path, `last`, the quantities of `objectives.CURVES` at its last
+    mu, and `reported`, the numbers that the problem reports; a number without a value is None.
+
+    With two spacings the design is computed on ever finer clouds, three at least, until it is
+    valid, the error bar of its objective (see `verification.error_bars`) is at most `tolerance`
+    times its value, or times `scale` if that is larger, and each constraint is met by more than its
+    bar, or known to within `tolerance` times its scale. Dict and path are those of the last cloud;
+    the dict has two more entries: `clouds`, a list of the spacing, nodes and value of each, and
+    `errors`, the error bars of value, constraints, last and reported, None if there is none. A
+    cloud that leaves a ligament without a node is left out, unless it is the finest.
+
+    Raises `ValueError` or `ArithmeticError` if the (finest) cloud or its first state is not found.
+
+    Example: design/bistable.py; see docs/howto/design.md.
     """
     if not isinstance(spacing, tuple):
         return _on_cloud(problem, parameters, float(spacing), mu)
@@ -53,7 +68,9 @@ def verify(
     count = max(FEWEST - 1, round(np.log(finest / first) / np.log(STEP)))
     for step in range(count + 1):
         try:
-            tried.append(_on_cloud(problem, parameters, first * (finest / first) ** (step / count), mu))
+            tried.append(
+                _on_cloud(problem, parameters, first * (finest / first) ** (step / count), mu)
+            )
         except (Inadmissible, StateNotFound):
             if step == count:
                 raise
@@ -85,12 +102,21 @@ def _on_cloud(problem, parameters, spacing, mu):
         reason = str(invalid)
     end = path[-1:]
     missing = OF_EQUILIBRIA if is_in_time(path) else ()
-    last = {name: np.nan if name in missing else quantity(end)[0] for name, quantity in CURVES.items()}
+    last = {
+        name: np.nan if name in missing else quantity(end)[0] for name, quantity in CURVES.items()
+    }
     dry = plate, path.model.cloud, problem.gel_at(parameters)
-    without = {c.name: float(np.min(c.without_sweep(*dry))) for c in problem.constraints if c.dry or c.of_gel}
+    without = {
+        c.name: float(np.min(c.without_sweep(*dry)))
+        for c in problem.constraints
+        if c.dry or c.of_gel
+    }
     found = dict(
         value=_value(lambda path: problem.value(path, made), path),
-        constraints={c.name: without[c.name] if c.name in without else _value(c.function, path) for c in problem.constraints},
+        constraints={
+            c.name: without[c.name] if c.name in without else _value(c.function, path)
+            for c in problem.constraints
+        },
         valid=reason.startswith("valid"),
         reason=reason,
         nodes=path.model.n_nodes,
@@ -106,16 +132,35 @@ def _on_cloud(problem, parameters, spacing, mu):
 
 def _is_settled(problem, found, errors, scale, tolerance):
     """Whether the numbers of a design no longer move beyond a tolerance."""
-    if not found["valid"] or errors["value"] is None or errors["value"] > tolerance * max(abs(found["value"]), scale):
+    if (
+        not found["valid"]
+        or errors["value"] is None
+        or errors["value"] > tolerance * max(abs(found["value"]), scale)
+    ):
         return False
-    known = [(errors["constraints"][c.name], found["constraints"][c.name], c.scale) for c in problem.constraints]
-    return all(error is not None and error <= max(abs(margin), tolerance * scale) for error, margin, scale in known)
+    known = [
+        (errors["constraints"][c.name], found["constraints"][c.name], c.scale)
+        for c in problem.constraints
+    ]
+    return all(
+        error is not None and error <= max(abs(margin), tolerance * scale)
+        for error, margin, scale in known
+    )
 
 
 def _errors(found):
     """Error bars of the numbers of the last of several `verify` dicts, coarsest cloud first."""
-    names = [("value", None), *((group, name) for group in ("constraints", "last", "reported") for name in found[-1][group])]
-    values = [[one[group] if name is None else one[group][name] for group, name in names] for one in found]
+    names = [
+        ("value", None),
+        *(
+            (group, name)
+            for group in ("constraints", "last", "reported")
+            for name in found[-1][group]
+        ),
+    ]
+    values = [
+        [one[group] if name is None else one[group][name] for group, name in names] for one in found
+    ]
     sizes = np.array([one["nodes"] for one in found]) ** -0.5
     bars = error_bars(sizes, np.array(values, dtype=float), len(found) - 1).error
     errors = {"value": None, "constraints": {}, "last": {}, "reported": {}}
@@ -136,7 +181,7 @@ def _value(function, path):
 
 
 def _number(value):
-    """A float that JSON can hold, None where there is none."""
+    """A float that JSON can hold, None if there is none."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -148,14 +193,23 @@ def intervals(
     *,
     cloud: Cloud | None = None,
 ) -> tuple[dict[str, Any], Float[Array, "d d"]]:
-    """Standard deviations and covariance of parameters fitted to ``curve`` (a function of the path, (k,)) with the given noise.
+    """Standard deviations and covariance of parameters fitted to ``curve`` with the given noise.
 
-    Gauss and Newton's Hessian of the sum of squares over 2 noise^2, J^T J / noise^2, inverted: a dict name -> standard deviation, and
-    the covariance (n, n) in the order of `jax.flatten_util.ravel_pytree`. ``noise`` is the standard deviation of independent errors.
+    It is a function of the path, (k,). Gauss and Newton's Hessian of the sum of squares over 2
+    noise^2, J^T J / noise^2, inverted: a dict name -> standard deviation, and the covariance (n, n)
+    in the order of `jax.flatten_util.ravel_pytree`. ``noise`` is the standard deviation of
+    independent errors.
     """
-    flat, unravel = ravel_pytree({name: jnp.asarray(value, dtype=float) for name, value in parameters.items()})
+    flat, unravel = ravel_pytree(
+        {name: jnp.asarray(value, dtype=float) for name, value in parameters.items()}
+    )
     cloud = problem.make_cloud(problem.plate(unravel(flat))) if cloud is None else cloud
     slopes = np.asarray(jax.jacfwd(lambda v: curve(problem.path(unravel(v), cloud)))(flat))
     scale = np.abs(np.asarray(flat)) + (np.asarray(flat) == 0)
-    covariance = noise**2 * np.linalg.inv((slopes * scale).T @ (slopes * scale)) * np.outer(scale, scale)
-    return {name: np.asarray(v) for name, v in unravel(jnp.sqrt(jnp.diag(jnp.asarray(covariance)))).items()}, covariance
+    covariance = (
+        noise**2 * np.linalg.inv((slopes * scale).T @ (slopes * scale)) * np.outer(scale, scale)
+    )
+    return {
+        name: np.asarray(v)
+        for name, v in unravel(jnp.sqrt(jnp.diag(jnp.asarray(covariance)))).items()
+    }, covariance

@@ -1,5 +1,6 @@
-"""Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
+"""Shape functions on a cloud and the ``Model``, by which an energy is integrated over the gel."""
 
+from .._deprecated import old_names
 from .body import NONE, Body, PatchBlock, numbered
 from .connectivity import Connectivity, plate_edge_ends
 from .consistency import consistent_gradients
@@ -20,7 +21,14 @@ from .neighbours import pad_nodes, pairs_in_reach, reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
 from .pressures import SIGNS, group_weights, n_carrying
-from .probes import MIDLINE_POINTS, NodalField, core_probe, make_probe, midline_points, midline_probe
+from .probes import (
+    MIDLINE_POINTS,
+    NodalField,
+    core_probe,
+    make_probe,
+    midline_points,
+    midline_probe,
+)
 from .weights import safe_sqrt, singular_weight
 
 __all__ = [
@@ -69,3 +77,5 @@ __all__ = [
     "shape_functions_and_gradients",
     "singular_weight",
 ]
+
+__getattr__ = old_names(__name__)

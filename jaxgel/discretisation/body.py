@@ -1,12 +1,14 @@
 """The arrays of a discretised gel, and their sizes.
 
-Index letters: ``c`` patch, ``q`` quadrature point of a patch, ``g`` volume group, ``p`` point, ``a b`` node of a patch's list, ``i j``
-space, ``r`` row of an area form. A patch is a group of integration cells with one pressure field; see `patches` and `pressures`. Its node
-list holds all nodes whose support reaches the patch or its contour; padding has support 0. Patches of similar size share a ``PatchBlock``
-of padded arrays.
+Index letters: ``c`` patch, ``q`` quadrature point of a patch, ``g`` volume group, ``p`` point,
+``a b`` node of a patch's list, ``i j`` space, ``r`` row of an area form. A patch is a group of
+integration cells with one pressure field; see `patches` and `pressures`. Its node list holds all
+nodes whose support reaches the patch or its contour; padding has support 0. Patches of similar size
+share a ``PatchBlock`` of padded arrays.
 
-A body of a model has arrays of the model's own sizes. That which the compiled programs take, its `shared_body`, has those of `ladder`.
-Padded patches come after ``count`` others, from which programs that go from patch to patch stop; all padding is without weight.
+A body of a model has arrays of the model's own sizes. That which the compiled programs take, its
+`shared_body`, has those of `ladder`. Padded patches come after ``count`` others, from which
+programs that go from patch to patch stop; all padding is without weight.
 """
 
 import dataclasses
@@ -40,7 +42,7 @@ class PatchBlock:
     position: Float[Array, " c #q 2"]
     """Dry positions of the quadrature points, mm; padding repeats a point."""
     dphi: Float[Array, " c #q a 2"]
-    """Shape function gradients, 1/mm, at each point or their mean over the cell; 0 for padded nodes."""
+    """Shape function gradients, 1/mm, at each point or their cell mean; 0 for padded nodes."""
     weight: Float[Array, " c #q"]
     """Quadrature weights, mm^2; 0 for padded points."""
     group_weight: Float[Array, "c _ g"]
@@ -48,9 +50,15 @@ class PatchBlock:
     contour: Float[Array, "c 2 r a"]
     """Rows of the area form of the contour, see `consistency.area_rows`."""
     carrying: int = dataclasses.field(metadata={"static": True})
-    """Number of the groups of a patch that carry its volume, in equal shares; the others are held."""
+    """Number of the groups of a patch that carry its volume, in equal shares.
+
+    The others are held.
+    """
     count: Int[Array, ""] | None = None
-    """Number of the patches, of which padding repeats the last without weight; None where all are patches."""
+    """Number of the patches, of which padding repeats the last without weight.
+
+    None if all are patches.
+    """
 
     @property
     def n_groups(self) -> int:
@@ -68,9 +76,15 @@ class Body:
     blocks: tuple[PatchBlock, ...]
     """Patches, in blocks of similar size."""
     carries: Shaped[Array, " g"]
-    """Whether each volume group carries volume, bool; the others are held. Of tangents what JAX puts in its place."""
+    """Whether each volume group carries volume, bool; the others are held.
+
+    Of tangents what JAX puts in its place.
+    """
     outline: Interpolation | None
-    """Shape functions at all outline vertices, arc after arc; None where a derivative does not depend on them."""
+    """Shape functions at all outline vertices, arc after arc.
+
+    None if a derivative does not depend on them.
+    """
     axial_stretch: Scalar | None
     """Axial stretch of generalised plane strain; None for other kinematics."""
     across: Scalar
@@ -78,7 +92,7 @@ class Body:
     film: bool = dataclasses.field(metadata={"static": True})
     """Whether the plate is a film in plane stress."""
     contact: Any = None
-    """The ``mechanics.Contact`` of hole boundaries with themselves; None where they may overlap."""
+    """The ``mechanics.Contact`` of hole boundaries with themselves; None if they may overlap."""
 
     @property
     def lengths(self) -> dict[str, int]:
@@ -98,24 +112,32 @@ def numbered(blocks: Iterable[PatchBlock]) -> tuple[PatchBlock, ...]:
 
 def carrying_groups(blocks: tuple[PatchBlock, ...]) -> Bool[np.ndarray, " g"]:
     """Whether each volume group of the blocks carries volume."""
-    return np.concatenate([np.tile(np.arange(block.n_groups) < block.carrying, len(block.nodes)) for block in blocks])
+    return np.concatenate(
+        [np.tile(np.arange(block.n_groups) < block.carrying, len(block.nodes)) for block in blocks]
+    )
 
 
-# --- sizes that models share -------------------------------------------------------------------------------------------------
+# --- sizes that models share ----------------------------------------------------------------------
 
 
 def shared_body(body: Body) -> Body:
     """The arrays of a body in sizes that similar bodies share."""
     nodes = room(len(body.nodes), NODES)
-    shapes = [(len(block.nodes), block.weight.shape[1], block.carrying > 1) for block in body.blocks]
-    blocks = tuple(map(_padded, body.blocks, patches_of_blocks(*map(list, zip(*shapes, strict=True)), nodes)))
+    shapes = [
+        (len(block.nodes), block.weight.shape[1], block.carrying > 1) for block in body.blocks
+    ]
+    blocks = tuple(
+        map(_padded, body.blocks, patches_of_blocks(*map(list, zip(*shapes, strict=True)), nodes))
+    )
     outline = None if body.outline is None else _padded_outline(body.outline)
     return Body(
         nodes=resized(body.nodes, (nodes, 2)),
         blocks=blocks,
         carries=resized(body.carries, (room(len(body.carries)),)),
         outline=outline,
-        axial_stretch=None if body.axial_stretch is None else jnp.asarray(body.axial_stretch, float),
+        axial_stretch=None
+        if body.axial_stretch is None
+        else jnp.asarray(body.axial_stretch, float),
         across=jnp.asarray(body.across, float),
         film=body.film,
         contact=body.contact,
@@ -124,7 +146,10 @@ def shared_body(body: Body) -> Body:
 
 @once_per_owner
 def _padded(block, patches):
-    """A block with room for so many ``patches``; further points repeat the last one of their patch."""
+    """A block with room for so many ``patches``.
+
+    Further points repeat the last one of their patch.
+    """
     c, q, a, _ = block.dphi.shape
     r, g = block.contour.shape[2], block.n_groups
     points, rows, neighbours = of_patch(q, r, a, linear=block.carrying > 1)

@@ -1,4 +1,4 @@
-"""Shape functions at points of a cloud, each of which has the list of the nodes whose supports reach it, padded with support 0.
+"""Shape functions at points of a cloud, by lists of the nodes in reach, padded by support 0.
 
 Index letters: ``p`` point, ``a`` node of a list, ``l`` list, ``i j`` space.
 """
@@ -18,9 +18,11 @@ from ..cloud import Cloud
 from .moving_least_squares import shape_functions, shape_functions_and_gradients
 
 BATCH = 64  # points whose shape functions are evaluated together
-GROUP = 1024  # points of one call of the program that evaluates them: one size, so that it serves every cloud
+# points of one call of the program that evaluates them: one size, so that it serves every cloud
+GROUP = 1024
 FINE = 2  # sizes to a doubling of the number of groups: each group costs time
-WIDTHS = (72, 96, 128, 192)  # room for neighbours in the program that evaluates them: few, and few programs
+# room for neighbours in the program that evaluates them: few, and few programs
+WIDTHS = (72, 96, 128, 192)
 
 
 @jax.tree_util.register_dataclass
@@ -41,7 +43,7 @@ class Interpolation:
 
     @compiled()
     def position(self, x: Float[Array, "n d"]) -> Float[Array, "p d"]:
-        """Deformed positions of the points for nodal positions ``x``, mm, or other fields (d) of the nodes."""
+        """Deformed positions of the points for nodal ``x``, mm, or other nodal fields (d)."""
         return jnp.einsum("pa,pai->pi", self.phi, x[self.nodes])
 
     @compiled()
@@ -55,11 +57,16 @@ class Interpolation:
 
 
 def interpolate(
-    cloud: Cloud, points: Float[Array, "p 2"], neighbours: tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]], basis: str
+    cloud: Cloud,
+    points: Float[Array, "p 2"],
+    neighbours: tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]],
+    basis: str,
 ) -> Interpolation:
-    """``Interpolation`` at points with their lists of ``neighbours``, see ``neighbours_of_points``."""
+    """``Interpolation`` at points with lists of ``neighbours``, see ``neighbours_of_points``."""
     lists, supports = neighbours
-    phi, dphi = evaluate_points(cloud.nodes, points, lists, supports, np.arange(len(lists)), basis=basis)
+    phi, dphi = evaluate_points(
+        cloud.nodes, points, lists, supports, np.arange(len(lists)), basis=basis
+    )
     return Interpolation(points, lists, supports, phi, dphi)
 
 
@@ -73,11 +80,23 @@ def evaluate_points(
     basis: str,
     gradients: bool = True,
 ) -> tuple[Float[Array, "p a *i"], ...]:
-    """Shape functions at ``points`` with the node lists and supports of their owners, and their ``gradients``."""
+    """Shape functions at ``points`` with the lists of their owners, and their ``gradients``.
+
+    The lists are those of nodes and supports.
+    """
     count, shape = len(points), (len(points), lists.shape[1])
     points, owner = (padded(part, size_of_groups(count)) for part in (points, owner))
     lists, supports = widened(lists), widened(supports)
-    values = evaluate_groups(padded(nodes, rung(len(nodes))), points, lists, supports, owner, count, basis=basis, gradients=gradients)
+    values = evaluate_groups(
+        padded(nodes, rung(len(nodes))),
+        points,
+        lists,
+        supports,
+        owner,
+        count,
+        basis=basis,
+        gradients=gradients,
+    )
     return tuple(resized(value, (*shape, *value.shape[2:])) for value in values)
 
 
@@ -87,7 +106,7 @@ def size_of_groups(count: int) -> int:
 
 
 def widened(lists: Num[np.ndarray, "l a"]) -> Num[np.ndarray, "l b"]:
-    """Lists of nodes or supports with further columns of zeros, as many as one of the ``WIDTHS``."""
+    """Lists of nodes or supports, padded with zero columns to one of the ``WIDTHS``."""
     return np.pad(lists, ((0, 0), (0, step(lists.shape[1], WIDTHS) - lists.shape[1])))
 
 
@@ -102,22 +121,35 @@ def evaluate_groups(
     basis: str,
     gradients: bool = True,
 ) -> tuple[Float[Array, "p a *i"], ...]:
-    """`evaluate_points` for whole groups of points, of which the first ``count`` are asked for, and `widened` lists.
+    """`evaluate_points` for whole groups of points and `widened` lists.
 
-    Groups without one of these hold the values of another group; in a trace, whose programs must not depend on ``count``, their own.
+    The first ``count`` are asked for. Groups without one of these hold the values of another group;
+    in a trace, whose programs must not depend on ``count``, their own.
     """
     own = owner.reshape(-1, GROUP)
     used = own if is_traced(nodes, points) else own[: -(-count // GROUP)]
     groups = [
-        _evaluated(taken(points, numbers), taken(nodes, lists[of]), supports[of], basis=basis, gradients=gradients)
+        _evaluated(
+            taken(points, numbers),
+            taken(nodes, lists[of]),
+            supports[of],
+            basis=basis,
+            gradients=gradients,
+        )
         for numbers, of in zip(np.arange(used.size).reshape(used.shape), used, strict=True)
     ]
-    return tuple(joined([*parts, *parts[-1:] * (len(own) - len(used))]) for parts in zip(*groups, strict=True))
+    return tuple(
+        joined([*parts, *parts[-1:] * (len(own) - len(used))])
+        for parts in zip(*groups, strict=True)
+    )
 
 
 @compiled(static=("basis", "gradients"))
 def _evaluated(points, neighbours, supports, *, basis, gradients):
-    """Shape functions (g, a) at points (g, 2) with neighbours (g, a, 2) and supports (g, a) of their own, and their gradients."""
+    """Shape functions (g, a) and gradients at points (g, 2) with neighbours (g, a, 2).
+
+    Each point has supports (g, a) of its own.
+    """
 
     @jax.checkpoint
     def one(point):

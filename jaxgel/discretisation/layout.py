@@ -1,4 +1,4 @@
-"""The index arrays of a cloud's patches as the programs take them: padded to sizes that clouds of similar size share."""
+"""Index arrays of a cloud's patches, padded to sizes that similar clouds share."""
 
 import dataclasses
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from .ladder import NODES, of_patch, patches_of_blocks, room
 
 
 class Layout(NamedTuple):
-    """Index arrays whose padding is inert: points without weight, edges without length, and patches that are cut off in the end.
+    """Index arrays with inert padding: zero weights, zero lengths, patches cut off at the end.
 
     Index letters: ``n`` node, ``p`` point, ``l`` patch.
     """
@@ -41,7 +41,10 @@ class Cells(NamedTuple):
     """The integration cells as programs take them that sum over each."""
 
     of_points: tuple[Int[Array, "c q"], ...]
-    """Per block of a shared body the cell of each quadrature point; of padding, which has no weight, that of another point."""
+    """Per block of a shared body the cell of each quadrature point.
+
+    Of padding, which has no weight, that of another point.
+    """
     patch: Int[Array, " cells"]
     """Patch number of each cell."""
 
@@ -50,7 +53,10 @@ class Cells(NamedTuple):
 def cells_of(lists: Connectivity) -> Cells:
     """The ``Cells`` of a ``Connectivity``."""
     layout = layout_of(lists)
-    of_points = (layout.quadrature.owner[np.where(numbers >= 0, numbers, numbers[:, :1])] for numbers in layout.points_of)
+    of_points = (
+        layout.quadrature.owner[np.where(numbers >= 0, numbers, numbers[:, :1])]
+        for numbers in layout.points_of
+    )
     return Cells(tuple(of_points), layout.patch)
 
 
@@ -58,13 +64,17 @@ def cells_of(lists: Connectivity) -> Cells:
 def layout_of(lists: Connectivity) -> Layout:
     """The ``Layout`` of a ``Connectivity``."""
     topology = lists.topology
-    nodes, support = (padded(widened(part), room(len(part))) for part in (lists.nodes, lists.support))
+    nodes, support = (
+        padded(widened(part), room(len(part))) for part in (lists.nodes, lists.support)
+    )
     count = room(len(topology.node_vertices), NODES)
     counts, most = list(map(len, lists.patches)), [numbers.shape[1] for numbers in lists.points]
     linear = [bool(lists.linear[patches[0]]) for patches in lists.patches]
     sizes = patches_of_blocks(counts, most, linear, count)
     points, edges = [], []
-    for kind, of_points, of_edges, size in zip(linear, lists.points, lists.contour.numbers, sizes, strict=True):
+    for kind, of_points, of_edges, size in zip(
+        linear, lists.points, lists.contour.numbers, sizes, strict=True
+    ):
         wide, rows, _ = of_patch(of_points.shape[1], of_edges.shape[1], 0, linear=kind)
         points.append(_rounded(of_points, size, wide))
         edges.append(_rounded(of_edges, size, rows))

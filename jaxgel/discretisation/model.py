@@ -6,6 +6,7 @@ import functools
 import jax
 import numpy as np
 
+from .._deprecated import old_arguments
 from .._memo import once_per_owner
 from .._tracing import is_traced
 from .._types import Scalar
@@ -19,33 +20,45 @@ from .moving_least_squares import BASES
 from .neighbours import neighbours_of_points
 from .pressures import n_carrying
 
-STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
-REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
-DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side, and clear of the third, where round-off would decide
+# largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
+STEEPEST_ACCEPTED = 100.0
+# largest error with which the gradients of an accepted model reproduce the coordinates
+REPRODUCTION = 1e-7
+# support radius over spacing: nearly three grid lines to each side, and clear of the third, where
+# round-off would decide
+DMAX = 2.95
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Model(Body):
-    """A cloud with its cells, quadrature points and shape functions; a pytree."""
+    """A cloud with its cells, quadrature points and shape functions, of `discretise`. A pytree."""
 
     cloud: Cloud
     """Nodes and cell vertices."""
     lists: Connectivity = dataclasses.field(metadata={"static": True})
-    """Neighbours and layout of the quadrature points; static."""
+    """Neighbour lists and layout of the quadrature points; static."""
     basis: str = dataclasses.field(metadata={"static": True})
-    """``"linear"`` or ``"quadratic"``."""
+    """Polynomial basis, "linear" or "quadratic"."""
     dmax: float = dataclasses.field(metadata={"static": True})
-    """Support radius over node spacing."""
+    """Support radius over the node spacing, dimensionless."""
 
     def __repr__(self) -> str:
         """Sizes of the model."""
-        return f"Model of {self.n_nodes} nodes, {self.basis}, {sum(len(block.patches) for block in self.blocks)} patches"
+        return (
+            f"Model of {self.n_nodes} nodes, {self.basis}, "
+            f"{sum(len(block.patches) for block in self.blocks)} patches"
+        )
 
     def at_axial_stretch(self, axial: Scalar) -> "Model":
-        """The same model held at another axial stretch, which may be traced; ValueError for other than generalised plane strain."""
+        """The same model held at another axial stretch, which may be traced.
+
+        ValueError for other than generalised plane strain.
+        """
         plate = dataclasses.replace(self.cloud.plate, axial_stretch=axial)
-        return dataclasses.replace(self, cloud=dataclasses.replace(self.cloud, plate=plate), axial_stretch=axial)
+        return dataclasses.replace(
+            self, cloud=dataclasses.replace(self.cloud, plate=plate), axial_stretch=axial
+        )
 
     @functools.cached_property
     def shared(self) -> Body:
@@ -55,7 +68,11 @@ class Model(Body):
     @property
     def lengths(self) -> dict[str, int]:
         """Numbers of nodes, volume groups, cells and points of the outlines, by letter."""
-        return {**super().lengths, "c": self.n_cells, "p": 0 if self.outline is None else len(self.outline.points)}
+        return {
+            **super().lengths,
+            "c": self.n_cells,
+            "p": 0 if self.outline is None else len(self.outline.points),
+        }
 
     @property
     def n_nodes(self) -> int:
@@ -73,25 +90,37 @@ class Model(Body):
         return sum(int((numbers >= 0).sum()) for numbers in self.lists.points)
 
 
-def discretise(
-    cloud: Cloud,
-    *,
-    basis: str = "quadratic",
-    dmax: float | None = None,
-) -> Model:
-    """``Model`` of a cloud: cells, quadrature points, shape function gradients.
+@old_arguments
+def discretise(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None) -> Model:
+    """`Model` of a cloud: integration cells, quadrature points, gradients of the shape functions.
 
-    Pressures are linear over patches of 2 x 2 squares and constant over single cells along outlines and in narrow ligaments; what they do
-    not see of the volume ratio J is held. The cells partition the gel, with curved sides along the outlines, and weights and gradients are
-    corrected so that linear fields are integrated exactly (patch test). ``dmax`` is the support radius over the node spacing (2.95).
-    Raises ValueError for unknown options and where a point has too few neighbours for the basis. A moved cloud
-    keeps its neighbour lists; see `quality` for how far.
+    Arguments:
+
+    - `cloud`: the `Cloud`, of `make_cloud`. A moved cloud keeps its neighbour lists; see `quality`
+      for the admissible distance.
+    - `basis`: "quadratic" or "linear", the complete polynomials that are reproduced.
+    - `dmax`: support radius over the node spacing, above 1; 2.95 by default.
+
+    The cells partition the gel, with curved sides along the outlines. Weights and gradients are
+    corrected so that linear fields are integrated exactly (patch test). Pressures are linear over
+    patches of 2 x 2 squares, and constant over single cells along outlines and in narrow ligaments;
+    modes of the volume ratio J without a pressure are stabilised.
+
+    Raises `ValueError` for an unknown basis, an unusable `dmax`, and if a point has too few
+    neighbours for the basis.
+
+    >>> import jaxgel
+    >>> cloud = jaxgel.make_cloud(jaxgel.Plate(2.0, 2.0), spacing=0.5)
+    >>> discretise(cloud).n_nodes
+    25
     """
     check_kind("cloud", cloud, Cloud, "a Cloud, as make_cloud(plate) makes it")
     one_of("basis", basis, BASES)
     dmax = DMAX if dmax is None else float(dmax)
     if not dmax > 1.0:
-        raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
+        raise ValueError(
+            f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)"
+        )
     lists = make_connectivity(cloud.topology, basis, dmax)
     blocks = numbered(
         PatchBlock(
@@ -101,9 +130,13 @@ def discretise(
             *values,
             n_carrying(bool(lists.linear[patches[0]])),
         )
-        for patches, values in zip(lists.patches, consistent_patches(cloud, lists, basis), strict=True)
+        for patches, values in zip(
+            lists.patches, consistent_patches(cloud, lists, basis), strict=True
+        )
     )
-    outline = Interpolation(np.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(np.zeros, ((0, 1), (0, 1), (0, 1, 2))))
+    outline = Interpolation(
+        np.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(np.zeros, ((0, 1), (0, 1), (0, 1, 2)))
+    )
     if cloud.topology.outlines:
         numbers, neighbours = _outline(cloud.topology, dmax)
         outline = interpolate(cloud, cloud.positions(numbers), neighbours, basis)
@@ -133,7 +166,10 @@ def _outline(topology: Topology, dmax: float):
 
 
 def _check_reproduction(model):
-    """ValueError, outside traces, for a model whose gradients do not reproduce the coordinates: neighbours on too few lines."""
+    """ValueError, outside traces, for gradients that do not reproduce the coordinates.
+
+    The neighbours lie on too few lines.
+    """
     cloud, topology = model.cloud, model.cloud.topology
     if is_traced(cloud.vertices):
         return
@@ -147,8 +183,11 @@ def _check_reproduction(model):
         if len(bad):
             x, y = nodes[block.nodes[bad[0, 0], 0]]
             stencil = nodes[np.unique(block.nodes[bad[0, 0]])]
-            refuse_ligament(topology, topology.spacing, stencil.mean(axis=0), np.ptp(stencil, axis=0).max() / 2)
+            refuse_ligament(
+                topology, topology.spacing, stencil.mean(axis=0), np.ptp(stencil, axis=0).max() / 2
+            )
             raise Inadmissible(
-                f"dmax: {model.dmax} is too small for the {model.basis} basis near the point ({x:.4g}, {y:.4g}): its neighbours lie on "
+                f"dmax: {model.dmax} is too small for the {model.basis} basis near the point "
+                f"({x:.4g}, {y:.4g}): its neighbours lie on "
                 "too few lines; use a larger dmax or a smaller spacing"
             )

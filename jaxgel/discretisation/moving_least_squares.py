@@ -1,11 +1,12 @@
 """Shape functions at one point: interpolating complex-variable MLS, and its real twin.
 
-One call maps a point and its neighbours to the neighbours' shape function values, or to values and gradients; ``jax.vmap`` makes the many
-points. Index letters: ``a`` neighbour, ``m n`` basis monomial. A neighbour whose support does not reach the point (in particular padding
-with support 0) gets the value 0.
+One call maps a point and its neighbours to the neighbours' shape function values, or to values and
+gradients; ``jax.vmap`` makes the many points. Index letters: ``a`` neighbour, ``m n`` basis
+monomial. A neighbour whose support does not reach the point (in particular padding with support 0)
+gets the value 0.
 
-Sources: Deng et al. (2020), Eqs. (17)-(37), for the interpolating complex form; Lancaster & Salkauskas (1981) for the
-interpolating MLS.
+Sources: Deng et al. (2020), Eqs. (17)-(37), for the interpolating complex form; Lancaster &
+Salkauskas (1981) for the interpolating MLS.
 """
 
 import functools
@@ -23,7 +24,8 @@ from .weights import safe_sqrt, singular_slope, singular_weight
 
 KINDS = ("iicvmls", "imls")
 BASES = ("linear", "quadratic")
-# pivot over its diagonal entry: of 18,000 singular moment matrices three left more than 1e-11, none 1e-10; clouds have 1e-6 or more
+# pivot over its diagonal entry: of 18,000 singular moment matrices three left more than 1e-11, none
+# 1e-10; clouds have 1e-6 or more
 _VANISHING = 1e-9
 
 
@@ -40,15 +42,25 @@ def shape_functions(
     basis: str = "quadratic",
     kind: str = "iicvmls",
 ) -> Inexact[Array, " a"]:
-    """Shape function values (n,) at the point ``x`` (2,) of the nodes ``neighbours`` (n, 2); dimensionless.
+    """Shape function values (n,) of the neighbours of one point; dimensionless.
 
-    ``support`` () or (n,) is the radius of each node's weight function, in the unit of length of ``x``. ``kind``:
+    Arguments:
 
-    - ``"iicvmls"``: Eq. (36) with the complete complex basis, Eqs. (18)-(19); complex dtype, the imaginary part is round-off;
-    - ``"imls"``: the same functions from the real basis that spans the same space; the fast path.
+    - `x` (2,): the point.
+    - `neighbours` (n, 2): positions of the nodes, in the unit of length of `x`.
+    - `support` () or (n,): radius of each node's weight function, in the same unit.
+    - `basis`: "quadratic" or "linear".
+    - `kind`: "iicvmls", Eq. (36) with the complete complex basis, Eqs. (18)-(19), of complex dtype
+      with an imaginary part of round-off; or "imls", the same functions from the real basis that
+      spans the same space, which is faster.
 
-    They satisfy phi_a(x_b) = delta_ab; value and gradient are finite at the nodes. A point with fewer
-    neighbours than monomials has a singular moment matrix and gives NaN: ``discretise`` refuses such a cloud.
+    Returns functions with phi_a(x_b) = delta_ab, whose values and gradients are finite at the
+    nodes. They are NaN at a point with fewer neighbours than monomials, for which the moment matrix
+    is singular; `discretise` refuses such a cloud.
+
+    Raises `ValueError` for an unknown basis or kind, and for unusable shapes.
+
+    Sources: Deng et al. (2020), Eqs. (17)-(37); Lancaster & Salkauskas (1981).
 
     >>> nodes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     >>> phi = jax.jit(shape_functions, static_argnames=("basis", "kind"))
@@ -69,10 +81,10 @@ def shape_functions_and_gradients(
     basis: str = "quadratic",
     kind: str = "iicvmls",
 ) -> tuple[Inexact[Array, " a"], Inexact[Array, "a 2"]]:
-    """The values (n,) of `shape_functions` and their gradients (n, 2) by ``x``, over the unit of length.
+    """Values (n,) of `shape_functions`, and gradients (n, 2) by ``x``, over the unit of length.
 
-    The gradients are those of automatic differentiation, written out: all of them share one solution y, each costs one more, and what
-    depends on the neighbours alone is not differentiated.
+    The gradients are those of automatic differentiation, written out: all of them share one
+    solution y, each costs one more, and what depends on the neighbours alone is not differentiated.
 
     >>> nodes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     >>> phi = jax.jit(shape_functions_and_gradients, static_argnames=("basis", "kind"))
@@ -88,9 +100,16 @@ def shape_functions_and_gradients(
     y = _coefficients(w, p, inverse_w_k, p_x, factor)
     polynomial, gradients = _polynomial(y, p, inverse_w_k), []
     for w_dot, inverse_w_k_dot, p_x_dot in along:
-        constant = inverse_w_k_dot * y[0]  # of the polynomial, whose other coefficients change by those in y_dot
-        y_dot = _coefficients(w, p, inverse_w_k, p_x_dot - p @ (w_dot * polynomial + w * constant), factor)
-        gradients.append(nearest * y_dot[0] + w_dot * polynomial + w * (_polynomial(y_dot, p, inverse_w_k) + constant))
+        # of the polynomial, whose other coefficients change by those in y_dot
+        constant = inverse_w_k_dot * y[0]
+        y_dot = _coefficients(
+            w, p, inverse_w_k, p_x_dot - p @ (w_dot * polynomial + w * constant), factor
+        )
+        gradients.append(
+            nearest * y_dot[0]
+            + w_dot * polynomial
+            + w * (_polynomial(y_dot, p, inverse_w_k) + constant)
+        )
     return nearest * y[0] + w * polynomial, jnp.stack(gradients, axis=1)
 
 
@@ -98,16 +117,19 @@ def _checked(neighbours, support, basis, kind):
     """Order of the basis, and the supports (n,)."""
     order = _order(basis)
     one_of("kind", kind, KINDS)
-    return order, jnp.broadcast_to(jnp.asarray(support, dtype=neighbours.dtype), neighbours.shape[:1])
+    return order, jnp.broadcast_to(
+        jnp.asarray(support, dtype=neighbours.dtype), neighbours.shape[:1]
+    )
 
 
 class _Fit(NamedTuple):
     """A point and its neighbours, with monomials about the nearest node k; ``p_k`` is (1, 0, ...).
 
-    Eq. (36) is phi_a = w_a p_a^H g with the coefficients g for which the basis is reproduced, sum_a phi_a p_a = p(x): eliminating the
-    constant from these equations leaves the b, C and A of Eqs. (22) and (31)-(33). At node k the weight w_k is infinite, but this node
-    enters the first equation only, so its value phi_k = w_k g_0 takes the place of g_0 as an unknown, and 1 / w_k, which is regular, that
-    of w_k. The choice of k is free: every choice gives the same phi.
+    Eq. (36) is phi_a = w_a p_a^H g with the coefficients g for which the basis is reproduced, sum_a
+    phi_a p_a = p(x): eliminating the constant from these equations leaves the b, C and A of Eqs.
+    (22) and (31)-(33). At node k the weight w_k is infinite, but this node enters the first
+    equation only, so its value phi_k = w_k g_0 takes the place of g_0 as an unknown, and 1 / w_k,
+    which is regular, that of w_k. The choice of k is free: every choice gives the same phi.
     """
 
     nearest: Inexact[Array, " n"]  # 1 for the nearest node, 0 for the others
@@ -115,11 +137,13 @@ class _Fit(NamedTuple):
     p: Inexact[Array, "m n"]  # monomials at the nodes
     inverse_w_k: Inexact[Array, ""]  # inverse weight of the nearest node
     p_x: Inexact[Array, " m"]  # monomials at the point
-    along: list[tuple]  # derivatives of the weights, the inverse weight and p_x by the two coordinates of the point
+    # derivatives of the weights, the inverse weight and p_x by the two coordinates of the point
+    along: list[tuple]
 
 
 def _fit(x, neighbours, support, order, kind):
-    nodes, point = (neighbours[:, 0], neighbours[:, 1]), (x[0], x[1])  # axis by axis: what lies in pairs is not vectorised
+    # axis by axis: what lies in pairs is not vectorised
+    nodes, point = (neighbours[:, 0], neighbours[:, 1]), (x[0], x[1])
     away = [at - node for at, node in zip(point, nodes, strict=True)]
     distance_squared = away[0] ** 2 + away[1] ** 2
     nearest = _nearest(lax.stop_gradient(distance_squared), support)
@@ -128,8 +152,12 @@ def _fit(x, neighbours, support, order, kind):
     d2_k = away_k[0] ** 2 + away_k[1] ** 2
     reach = rho_k - safe_sqrt(d2_k)
 
-    per_length = 1 / lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
-    p = monomials(*_coordinates(*((node - k) * per_length for node, k in zip(nodes, x_k, strict=True)), kind), order)
+    # phi does not depend on the scale of the basis, so neither does its derivative
+    per_length = 1 / lax.stop_gradient(jnp.max(support))
+    p = monomials(
+        *_coordinates(*((node - k) * per_length for node, k in zip(nodes, x_k, strict=True)), kind),
+        order,
+    )
 
     def basis(*away):
         return monomials(*_coordinates(*(a * per_length for a in away), kind), order)
@@ -137,15 +165,28 @@ def _fit(x, neighbours, support, order, kind):
     others = jnp.where(nearest > 0, 0.0, support)
     slope, slope_k = singular_slope(distance_squared, others), 2 * rho_k / reach**3
     along = [
-        (slope * away[axis], slope_k * away_k[axis], jax.jvp(basis, away_k, [1.0 * (axis == i) for i in range(2)])[1]) for axis in range(2)
+        (
+            slope * away[axis],
+            slope_k * away_k[axis],
+            jax.jvp(basis, away_k, [1.0 * (axis == i) for i in range(2)])[1],
+        )
+        for axis in range(2)
     ]
-    return _Fit(nearest, singular_weight(distance_squared, others), p, d2_k / reach**2, basis(*away_k), along)
+    return _Fit(
+        nearest,
+        singular_weight(distance_squared, others),
+        p,
+        d2_k / reach**2,
+        basis(*away_k),
+        along,
+    )
 
 
 def _nearest(distance_squared, support):
-    """1 for the node whose weight is largest, that of the least d / rho, the first of equals, and 0 for the others (n,).
+    """Indicator (n,) of the node of largest weight, the first one of least d / rho.
 
-    Found by its index: a comparison with the least ratio may meet ratios that the compiler has computed once more and rounded otherwise.
+    Found by its index: a comparison with the least ratio may meet ratios that the compiler has
+    computed once more and rounded otherwise.
     """
     reaching = support > 0
     ratio = jnp.where(reaching, distance_squared / jnp.where(reaching, support, 1.0) ** 2, jnp.inf)
@@ -163,12 +204,21 @@ def _reproduced(w, p, inverse_w_k, y):
 
 
 def _factor(fit, order, kind):
-    """What solves for the unknowns: first row and column of the moment matrix, v_k of Eq. (23), and the inverse of A, Eq. (31)."""
+    """Factors of the moment system: first row and column, v_k of Eq. (23), inverse of A, Eq. (31).
+
+    The row and column are those of the moment matrix.
+    """
     _, w, p, inverse_w_k, *_ = fit
-    moments = jnp.concatenate([p @ (w * p[of]) for of in (0, len(p) - 1 - order, len(p) - 1)])  # of the basis times 1, u^order, v^order
+    # of the basis times 1, u^order, v^order
+    moments = jnp.concatenate([p @ (w * p[of]) for of in (0, len(p) - 1 - order, len(p) - 1)])
     M = moments[_products(order, kind)]
     v_k = 1 / (1 + inverse_w_k * M[0, 0])
-    return M[0, 1:], M[1:, 0], v_k, definite_inverse(M[1:, 1:] - inverse_w_k * v_k * M[1:, :1] * M[0, 1:])
+    return (
+        M[0, 1:],
+        M[1:, 0],
+        v_k,
+        definite_inverse(M[1:, 1:] - inverse_w_k * v_k * M[1:, :1] * M[0, 1:]),
+    )
 
 
 @jax.custom_jvp
@@ -181,7 +231,10 @@ def _coefficients(w, p, inverse_w_k, rhs, factor):  # noqa: ARG001
 
 @functools.partial(_coefficients.defjvp, symbolic_zeros=True)
 def _coefficients_jvp(primals, tangents):
-    """T y = b gives T dy = db - dT y, where dT y is the change of what the same y reproduce: no derivative of the matrix is needed."""
+    """T y = b gives T dy = db - dT y without a derivative of the matrix.
+
+    dT y is the change of what the same y reproduce.
+    """
     *system, rhs, factor = primals
     y = _coefficients(*primals)
     moving = [i for i, tangent in enumerate(tangents[:3]) if not isinstance(tangent, SymbolicZero)]
@@ -197,7 +250,7 @@ def _coefficients_jvp(primals, tangents):
 
 
 def _coordinates(x, y, kind):
-    """What the monomials of offsets are made of: x and y, or z and its conjugate, Eqs. (18)-(19)."""
+    """Factors of the monomials of offsets: x and y, or z and its conjugate, Eqs. (18)-(19)."""
     return (lax.complex(x, y), lax.complex(x, -y)) if kind == "iicvmls" else (x, y)
 
 
@@ -205,7 +258,9 @@ def _exponents(degree):
     return [(total - j, j) for total in range(degree + 1) for j in range(total + 1)]
 
 
-def monomials(u: Inexact[Array, "..."], v: Inexact[Array, "..."], degree: int) -> Inexact[Array, "m ..."]:
+def monomials(
+    u: Inexact[Array, "..."], v: Inexact[Array, "..."], degree: int
+) -> Inexact[Array, "m ..."]:
     """The monomials (m, ...) u^i v^j up to a degree: 1, u, v, u^2, u v, v^2, ..."""
     rows = last = [jnp.ones_like(u)]
     for _ in range(degree):
@@ -216,9 +271,10 @@ def monomials(u: Inexact[Array, "..."], v: Inexact[Array, "..."], degree: int) -
 
 @functools.cache
 def _products(order, kind):
-    """Where among the moments of 1, u^order and v^order times the basis those of the products of two monomials are (m, m).
+    """Numbers (m, m) of the moments that are products of two monomials.
 
-    The second of the two is conjugated where they are complex.
+    They are moments of 1, u^order and v^order times the basis. The second of the two is conjugated
+    if they are complex.
     """
     basis = _exponents(order)
     known = [(i + a, j + b) for a, b in ((0, 0), (order, 0), (0, order)) for i, j in basis]
@@ -228,9 +284,10 @@ def _products(order, kind):
 
 @jax.custom_jvp
 def definite_inverse(matrix: Inexact[Array, "m m"]) -> Inexact[Array, "m m"]:
-    """Inverse (m, m) of a Hermitian positive definite matrix, by elimination in place: few operations for many matrices.
+    """Inverse (m, m) of a Hermitian positive definite matrix by in-place elimination.
 
-    NaN for a singular one, whose last pivots are round-off of the diagonal, rarely exactly 0.
+    It has few operations for many matrices. NaN for a singular one, whose last pivots are round-off
+    of the diagonal, rarely exactly 0.
     """
     number, least = np.arange(len(matrix)), _VANISHING * jnp.diagonal(matrix).real
     for k in number:

@@ -12,9 +12,10 @@ from .placement import refreshed
 
 @dataclasses.dataclass(frozen=True)
 class DiscretisationOptions:
-    """Choices of `make_cloud` and `discretise`, checked when they are made; None leaves the default of the plate or the discretisation.
+    """Choices of `make_cloud` and `discretise`, checked when they are made.
 
-    A field's ``stage`` says which of the two takes it as a keyword: `cloud` and `model` pass all of theirs on.
+    None leaves the default of the plate or the discretisation. A field's ``stage`` says which of
+    the two takes it as a keyword: `cloud` and `model` pass all of theirs on.
     """
 
     spacing: float | None = option(None, POSITIVE, "cloud")
@@ -40,16 +41,28 @@ class DiscretisationOptions:
         return discretise(cloud, **keywords_of(self, "model"))
 
     def refreshed(self, cloud: Cloud, plate: Plate) -> tuple[Cloud, str]:
-        """`refreshed` for models with these options: the cloud for a moved plate, and why it is a new one (empty where it is not)."""
+        """`refreshed` with these options: cloud for a moved plate, and the reason for a new one.
+
+        It is empty if the cloud is not new.
+        """
         return refreshed(cloud, plate, basis=self.basis, dmax=self.dmax)
 
     def at_spacing(self, spacing: float) -> "DiscretisationOptions":
-        """These options with another spacing, mm: nodes on outlines in proportion, at least as many nodes across ligaments."""
+        """These options with another spacing, mm: outline nodes in proportion, equal ``across``.
+
+        At least as many nodes lie across ligaments.
+        """
         return dataclasses.replace(self, spacing=float(spacing), nodes_per_hole=None)
 
     def scaled(self, cloud: Cloud, spacing: float) -> "DiscretisationOptions":
-        """These options for a cloud like the given one with another spacing, mm: all its distances change by the same factor."""
+        """These options for a cloud scaled to another spacing, mm, with all its distances."""
         made, factor = cloud.topology, cloud.topology.spacing / spacing
-        nodes = None if self.nodes_per_hole is None else max(8, 4 * round(made.nodes_per_hole * factor / 4))
+        nodes = (
+            None
+            if self.nodes_per_hole is None
+            else max(8, 4 * round(made.nodes_per_hole * factor / 4))
+        )
         across = None if self.across is None else max(2, 1 + round((self.across - 1) * factor))
-        return dataclasses.replace(self, spacing=float(spacing), nodes_per_hole=nodes, across=across)
+        return dataclasses.replace(
+            self, spacing=float(spacing), nodes_per_hole=nodes, across=across
+        )

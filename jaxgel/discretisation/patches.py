@@ -1,8 +1,9 @@
-"""Patches: groups of integration cells with one pressure field, linear over blocks of 2 x 2 squares and constant over other cells.
+"""Patches: cells with one pressure field, linear over 2 x 2 squares, else constant.
 
-Single squares, along outlines and in narrow ligaments, follow what varies there over one square; blocks leave out the pressures that a
-quadratic displacement cannot meet. A block counts where it has two whole squares and more, outside narrow ligaments: a linear
-pressure across two squares of one makes it too stiff.
+Single squares, along outlines and in narrow ligaments, follow what varies there over one square;
+blocks leave out the pressures that a quadratic displacement cannot meet. A block counts if it has
+two whole squares and more, outside narrow ligaments: a linear pressure across two squares of one
+makes it too stiff.
 """
 
 import numpy as np
@@ -13,8 +14,12 @@ from .._memo import once_per_owner
 from .._types import Bool, Int
 from ..cloud import Topology, centroids, opposite_edges, signed_areas
 
-SQUARES = 2  # least whole squares of a block with a linear pressure, which is larger than these: two alone do not vary twice across
-LIGAMENT = 2.0  # squares across a ligament up to which it has single ones: as a block of two the lattice's buckle 9 % late
+# least whole squares of a block with a linear pressure, which is larger than these: two alone do
+# not vary twice across
+SQUARES = 2
+# squares across a ligament up to which it has single ones: as a block of two the lattice's buckle 9
+# % late
+LIGAMENT = 2.0
 ROUND_OFF = 1e-9  # of areas, relative
 
 
@@ -23,11 +28,18 @@ def patches(topology: Topology) -> tuple[Int[np.ndarray, " c"], Bool[np.ndarray,
     """The patch (c,) of every cell, and whether each patch (p,) has a linear pressure."""
     part = topology.partition
     areas = signed_areas(part.vertices, part.triangles)
-    area, centre = np.bincount(part.cell_of_triangle, areas), centroids(part.vertices, part.triangles, areas, part.cell_of_triangle)
+    area, centre = (
+        np.bincount(part.cell_of_triangle, areas),
+        centroids(part.vertices, part.triangles, areas, part.cell_of_triangle),
+    )
     block, square, complete = _blocks_of_squares(topology, centre)
     block = _connected_parts(topology, block)
-    whole, size = (np.bincount(block, of) for of in (area > square * (1 - ROUND_OFF), area / square))
-    linear = (whole >= SQUARES) & (size > SQUARES * (1 + ROUND_OFF)) & (np.bincount(block, complete) > 0)
+    whole, size = (
+        np.bincount(block, of) for of in (area > square * (1 - ROUND_OFF), area / square)
+    )
+    linear = (
+        (whole >= SQUARES) & (size > SQUARES * (1 + ROUND_OFF)) & (np.bincount(block, complete) > 0)
+    )
     linear &= np.bincount(block, _in_narrow_ligament(topology, centre)) == 0
     alone = len(linear) + np.arange(topology.partition.n_cells)
     patch = np.unique(np.where(linear[block], block, alone), return_inverse=True)[1]
@@ -37,20 +49,28 @@ def patches(topology: Topology) -> tuple[Int[np.ndarray, " c"], Bool[np.ndarray,
 
 
 def _blocks_of_squares(topology, centre):
-    """The block of 2 x 2 equal squares (c,) around each cell, the area (c,) of a square, mm^2, and whether the block lies on the plate.
+    """The 2 x 2 block (c,) of each cell, its square's area (c,), mm^2, and whether it is whole.
 
-    Blocks begin at the middle of the plate: no block lies across a ligament there. Of an odd number of squares the middle one is alone.
+    A whole block lies on the plate; its squares are equal. Blocks begin at the middle of the plate:
+    no block lies across a ligament there. Of an odd number of squares the middle one is alone.
     """
     background = topology.background
     depth = background.halvings(centre)[:, None]
     counts = background.counts * 2**depth
-    square = np.clip((centre - background.low) // (background.side / 2.0**depth), 0, counts - 1).astype(int)
+    square = np.clip(
+        (centre - background.low) // (background.side / 2.0**depth), 0, counts - 1
+    ).astype(int)
     from_middle = 2 * square + 1 - counts  # in half squares
-    rank, odd = np.abs(from_middle) // 2, counts % 2  # 0 for the middle one, or the two next to the middle
+    # 0 for the middle one, or the two next to the middle
+    rank, odd = np.abs(from_middle) // 2, counts % 2
     number = (rank + 2 - odd) // 2
     block = np.concatenate([depth, np.sign(from_middle) * number], axis=1)
     complete = ((number > 0) & (2 * number - 1 + odd <= (counts - 1) // 2)).all(axis=1)
-    return np.unique(block, axis=0, return_inverse=True)[1].ravel(), background.side.prod() / 4.0 ** depth[:, 0], complete
+    return (
+        np.unique(block, axis=0, return_inverse=True)[1].ravel(),
+        background.side.prod() / 4.0 ** depth[:, 0],
+        complete,
+    )
 
 
 def _connected_parts(topology, block):
@@ -65,10 +85,15 @@ def _connected_parts(topology, block):
 
 
 def _in_narrow_ligament(topology, centre):
-    """Whether (c,) the square around each cell touches a ligament that is not wider than ``LIGAMENT`` squares."""
+    """Whether (c,) the square around each cell touches a ligament of few squares.
+
+    Such a ligament is at most ``LIGAMENT`` squares wide.
+    """
     (strips, widths), background = topology.ligaments, topology.background
     side = background.side / 2.0 ** background.halvings(centre)[:, None]
     low = background.low + (centre - background.low) // side * side
-    cell, strip = shapely.STRtree(strips).query(shapely.box(*low.T, *(low + side).T), predicate="intersects")
+    cell, strip = shapely.STRtree(strips).query(
+        shapely.box(*low.T, *(low + side).T), predicate="intersects"
+    )
     narrow = widths[strip] <= LIGAMENT * side.max(axis=1)[cell] * (1 + ROUND_OFF)
     return np.bincount(cell[narrow], minlength=len(centre)) > 0

@@ -1,4 +1,4 @@
-"""Shape functions where fields are read: at material points, on the horizontal midline of the dry plate and at its core point."""
+"""Shape functions at probe points: material points, the midline and the core of the dry plate."""
 
 import dataclasses
 
@@ -16,18 +16,22 @@ from .model import Model
 from .moving_least_squares import shape_functions
 from .neighbours import neighbours_of_points
 
-LARGEST_SUM = 10.0  # of absolute values of shape functions: below 3 in the gel, and more away from it, where they extrapolate
+# of absolute values of shape functions: below 3 in the gel, and more away from it, where they
+# extrapolate
+LARGEST_SUM = 10.0
 MIDLINE_POINTS = 401  # samples of the plate's midline, those in holes included
 
 
 @jax.tree_util.register_pytree_node_class
 class NodalField:
-    """A field by its values at the nodes, interpolated by the shape functions of a model; a pytree whose data are the values.
+    """A field by its values at the nodes of a model; the user makes it, as a parameter of a gel.
 
-    It belongs to the model's cloud as that was made, on its reference plate. As the parameter of a gel it moves with the nodes: where a
-    design moves holes, each point of the material keeps its value, as with `materials.WithHoles`. On another cloud, a finer one for
-    instance, it is read where that cloud's points are on its own reference plate. Values at nodes and polynomials of the basis are
-    reproduced. Raises ValueError for another number of values than the model has nodes.
+    The shape functions of the model interpolate it. A pytree whose data are the values. It belongs
+    to the model's cloud as that was made, on its reference plate. As the parameter of a gel it
+    moves with the nodes: where a design moves holes, each point of the material keeps its value, as
+    with `materials.WithHoles`. On another cloud, a finer one for instance, it is evaluated at the
+    points of that cloud on its own reference plate. Values at nodes and polynomials of the basis
+    are reproduced. Raises `ValueError` for another number of values than the model has nodes.
 
     >>> import jax.numpy as jnp
     >>> import jaxgel
@@ -38,11 +42,14 @@ class NodalField:
     """
 
     values: Float[Array, " n"]
-    """Value at each node."""
+    """Value at each node, in the unit of the parameter."""
 
     def __init__(self, values: Float[Array, " n"], model: Model) -> None:
         if np.shape(values) != (model.n_nodes,):
-            raise ValueError(f"values: an array of shape {np.shape(values)}, it must have one number for each of {model.n_nodes} nodes")
+            raise ValueError(
+                f"values: an array of shape {np.shape(values)}, it must have one number for each "
+                f"of {model.n_nodes} nodes"
+            )
         self.values, self._shape_functions = values, (model.cloud.topology, model.basis, model.dmax)
 
     @property
@@ -62,38 +69,76 @@ class NodalField:
         return field
 
     def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
-        """Value at one position X (2,), mm, which may be traced; all nodes of all regions are looked at: see ``at`` for many positions."""
+        """Value at one position X (2,), mm, which may be traced.
+
+        All nodes of all regions are looked at: see ``at`` for many positions.
+        """
         topology, basis, dmax = self._shape_functions
-        phi = shape_functions(X, topology.nodes, dmax * topology.node_spacing, basis=basis, kind="imls")
+        phi = shape_functions(
+            X, topology.nodes, dmax * topology.node_spacing, basis=basis, kind="imls"
+        )
         return phi @ jnp.asarray(self.values)
 
     def at(self, points: Float[Array, "p 2"]) -> Float[Array, " p"]:
-        """Values at many ``points``, mm, which must be numbers: their neighbours are searched on the host. nan away from the nodes."""
+        """Values at many concrete ``points``, mm; nan away from the nodes.
+
+        Their neighbours are searched on the host.
+        """
         topology, basis, dmax = self._shape_functions
         points, nodes = np.asarray(points, dtype=float), topology.nodes
         with jax.ensure_compile_time_eval():  # numbers, also inside jit
             found = neighbours_of_points(topology, dmax, points)
-            lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)  # one column at least
+            # one column at least
+            lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)
             own = np.arange(len(points))
-            phi = np.asarray(evaluate_points(nodes, points, lists, supports, own, basis=basis, gradients=False)[0])
+            phi = np.asarray(
+                evaluate_points(nodes, points, lists, supports, own, basis=basis, gradients=False)[
+                    0
+                ]
+            )
         missed = np.linalg.norm(np.einsum("pa,pai->pi", phi, nodes[lists]) - points, axis=1)
         reached = (missed < 1e-6 * topology.spacing) & (np.abs(phi).sum(axis=1) < LARGEST_SUM)
-        values = jnp.einsum("pa,pa->p", np.where(reached[:, None], phi, 0.0), jnp.asarray(self.values)[lists])
+        values = jnp.einsum(
+            "pa,pa->p", np.where(reached[:, None], phi, 0.0), jnp.asarray(self.values)[lists]
+        )
         return jnp.where(reached, values, jnp.nan)
 
 
-def make_probe(model: Model, points: Float[Array, "p 2"], reference_points: Float[Array, "p 2"] | None = None) -> Interpolation:
-    """``Interpolation`` at material points of the dry plate, mm.
+def make_probe(
+    model: Model, points: Float[Array, "p 2"], reference_points: Float[Array, "p 2"] | None = None
+) -> Interpolation:
+    """`Interpolation` at material points of the dry plate: positions and gradients there.
 
-    ``points`` may be traced if ``reference_points``, their values on the reference plate, are given.
+    Arguments:
+
+    - `model`: the `Model`.
+    - `points` (p, 2): positions on the dry plate, mm.
+    - `reference_points` (p, 2): their positions on the reference plate, mm, if `points` are traced;
+      `points` by default.
+
+    Returns the interpolation, whose `position` takes nodal positions (n, 2), mm, to (p, 2).
+
+    >>> import jaxgel
+    >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, spacing=0.5)))
+    >>> probe = make_probe(model, np.array([[0.5, 0.3]]))
+    >>> [round(float(v), 6) for v in probe.position(2 * model.nodes)[0]]
+    [1.0, 0.6]
     """
-    reference_points, cloud = np.asarray(points if reference_points is None else reference_points), model.cloud
+    reference_points, cloud = (
+        np.asarray(points if reference_points is None else reference_points),
+        model.cloud,
+    )
     neighbours = neighbours_of_points(cloud.topology, model.dmax, reference_points)
-    return interpolate(cloud, points if is_traced(points) else np.asarray(points), neighbours, model.basis)
+    return interpolate(
+        cloud, points if is_traced(points) else np.asarray(points), neighbours, model.basis
+    )
 
 
 def midline_probe(model: Model) -> Interpolation:
-    """``Interpolation`` at the points (p, 2) of the gel on y = 0 in the dry plate, from left to right; it follows the model's cloud."""
+    """``Interpolation`` at the points (p, 2) on y = 0 of the dry gel, from left to right.
+
+    It follows the model's cloud.
+    """
     points, neighbours = _midline(model.cloud.topology, model.dmax)
     return interpolate(model.cloud, points, neighbours, model.basis)
 
@@ -104,7 +149,10 @@ def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
 
 
 def core_probe(model: Model) -> Interpolation:
-    """``Interpolation`` at the plate's core point (1, 2) on the model's cloud; its gradients are nan where the core lies in a hole."""
+    """``Interpolation`` at the plate's core point (1, 2) on the model's cloud.
+
+    Its gradients are nan if the core lies in a hole.
+    """
     points, neighbours, in_hole = _core(model.cloud.topology, model.dmax)
     probe = interpolate(model.cloud, points, neighbours, model.basis)
     return dataclasses.replace(probe, dphi=jnp.full_like(probe.dphi, jnp.nan)) if in_hole else probe
@@ -113,7 +161,10 @@ def core_probe(model: Model) -> Interpolation:
 @once_per_owner
 def _midline(topology: Topology, dmax: float):
     """Points (p, 2) of the gel on the midline, mm, and their neighbour lists."""
-    points = np.stack([topology.plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS), np.zeros(MIDLINE_POINTS)], axis=1)
+    points = np.stack(
+        [topology.plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS), np.zeros(MIDLINE_POINTS)],
+        axis=1,
+    )
     points = points[~inside_holes(topology.plate, points, -1e-9 * topology.spacing)]
     return points, neighbours_of_points(topology, dmax, points)
 
@@ -122,7 +173,8 @@ def _midline(topology: Topology, dmax: float):
 def _core(topology: Topology, dmax: float):
     """The core point (1, 2), mm, its neighbour lists, and whether it lies in a hole.
 
-    In a hole it is replaced by a point of the gel: 0 times nan would spoil every reverse derivative.
+    In a hole it is replaced by a point of the gel: 0 times nan would spoil every reverse
+    derivative.
     """
     core = np.array([topology.plate.core or (0.0, 0.0)])
     in_hole = bool(inside_holes(topology.plate, core)[0])

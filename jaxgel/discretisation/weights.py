@@ -1,4 +1,4 @@
-"""Weight functions of the moving least squares and the square roots they need, with finite derivatives everywhere."""
+"""Weight functions of moving least squares and their square roots, derivatives finite."""
 
 import jax
 import jax.numpy as jnp
@@ -6,16 +6,28 @@ from jax import lax
 
 from .._types import Array, Float, Scalar
 
-_TINY = 1e-60  # squared distance below which the singular weight stays what it is: its ninth derivative is still a number
+# squared distance below which the singular weight stays what it is: its ninth derivative is still a
+# number
+_TINY = 1e-60
 
 
-def singular_weight(distance_squared: Float[Array, "..."], support: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
-    """The singular weight function of Eq. (37), (rho/d)^2 (1 - d/rho)^2 inside the support and 0 outside, of d^2; huge at d = 0."""
+def singular_weight(
+    distance_squared: Float[Array, "..."], support: Float[Array, "..."] | Scalar
+) -> Float[Array, "..."]:
+    """Singular weight function of Eq. (37), (rho/d)^2 (1 - d/rho)^2, of d^2; huge at d = 0.
+
+    It is 0 outside the support.
+    """
     return _positive(support * _inverse_root(distance_squared) - 1) ** 2
 
 
-def singular_slope(distance_squared: Float[Array, "..."], support: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Twice the derivative of `singular_weight` by d^2: times the offset from the node it is the gradient."""
+def singular_slope(
+    distance_squared: Float[Array, "..."], support: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Twice the derivative of `singular_weight` by d^2; times the offset it is the gradient.
+
+    The offset is that from the node.
+    """
     inverse = _inverse_root(distance_squared)
     return -2 * support * inverse**3 * _positive(support * inverse - 1)
 
@@ -35,7 +47,7 @@ def _inverse_root_jvp(primals, tangents):
 
 @jax.custom_jvp
 def _positive(value):
-    """The value where it is positive, otherwise 0; JAX's own rule for the maximum divides."""
+    """The value if it is positive, otherwise 0; JAX's own rule for the maximum divides."""
     return jnp.maximum(value, 0.0)
 
 
@@ -45,6 +57,6 @@ def _positive_jvp(primals, tangents):
 
 
 def safe_sqrt(squared: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Square root whose derivative at 0 is taken as 0: there the weights depend on d through d^2 only."""
+    """Square root with the derivative 0 at 0: there the weights depend on d through d^2 only."""
     positive = squared > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)

@@ -1,9 +1,11 @@
-"""Equilibria that satisfy side conditions: held by unknown forces, or at an unknown value of the control.
+"""Equilibria with side conditions: bordered Newton's method for unknown forces or control.
 
-The unknowns are the positions x and pressures p, forces s along given columns C and, where there is one condition more than columns,
-the value of the control. The conditions are R (x - origin) + slope (value - value_origin) = target. Newton's method factorises the tangent
-with these rows and columns around it, which is regular where the tangent itself is singular. In the mixed form dp contains what the
-control changes at given positions: -dmu, as the osmotic pressure at a given volume ratio falls by what mu rises.
+The unknowns are the positions x and pressures p, forces s along given columns C and, if there is
+one condition more than columns, the value of the control. The conditions are R (x - origin) + slope
+(value - value_origin) = target. Newton's method factorises the tangent with these rows and columns
+around it, which is regular if the tangent itself is singular. In the mixed form dp contains what
+the control changes at given positions: -dmu, as the osmotic pressure at a given volume ratio falls
+by what mu rises.
 """
 
 import dataclasses
@@ -43,11 +45,17 @@ def solve_bordered(
     columns: Float[np.ndarray, "f m"],
     conditions: Conditions,
 ) -> tuple[State, Float[np.ndarray, " m"]]:
-    """`State` under forces along ``columns`` that meets m or m + 1 ``conditions``, and the forces, kT/v mm.
+    """`State` under forces along ``columns`` that meets ``conditions``, and the forces, kT/v mm.
 
-    With m + 1 conditions the value of the control is unknown too. The state has a factor of its own tangent.
+    There are m or m + 1 conditions. With m + 1 conditions the value of the control is unknown too.
+    The state has a factor of its own tangent.
     """
-    correction = _Bordered(columns, conditions, restrict(np.asarray(conditions.origin), problem.free), np.zeros(columns.shape[1]))
+    correction = _Bordered(
+        columns,
+        conditions,
+        restrict(np.asarray(conditions.origin), problem.free),
+        np.zeros(columns.shape[1]),
+    )
     return iterate(problem, starting(problem, value, x, pressure), correction), correction.forces
 
 
@@ -60,12 +68,15 @@ def solve_pinned(
     origin: Float[Array, "n 2"],
     amplitude: float,
 ) -> tuple[State, float]:
-    """`State` under a force along ``mode`` that holds mode . (x - origin) at ``amplitude``, and the force, kT/v mm.
+    """`State` with mode . (x - origin) = ``amplitude``, and the force along ``mode``, kT/v mm.
 
-    One condition by two solves with the factor of the tangent itself, which may be indefinite but must not be singular.
+    One condition by two solves with the factor of the tangent itself, which may be indefinite but
+    must not be singular.
     """
     conditions = Conditions(mode[:, None], np.zeros(1), origin, float(value), np.array([amplitude]))
-    correction = _Pinned(mode[:, None], conditions, restrict(np.asarray(origin), problem.free), np.zeros(1))
+    correction = _Pinned(
+        mode[:, None], conditions, restrict(np.asarray(origin), problem.free), np.zeros(1)
+    )
     found = iterate(problem, starting(problem, value, x, pressure), correction)
     return found, float(correction.forces[0])
 
@@ -88,24 +99,42 @@ class _Bordered(Correction):
             missing = np.linalg.norm(gather(np.asarray(linearisation.rhs), problem.free) + forces)
         violation = float(linearisation.violation)
         size = float(missing * float(linearisation.per_force)) if np.isfinite(violation) else np.nan
-        change = (at - self.origin) @ conditions.rows + conditions.slopes * (state.value - conditions.value_origin)
+        change = (at - self.origin) @ conditions.rows + conditions.slopes * (
+            state.value - conditions.value_origin
+        )
         self.miss = conditions.targets - change
-        allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + self.miss_most * np.abs(conditions.targets)
+        allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(
+            at
+        ) + self.miss_most * np.abs(conditions.targets)
         solved = size < NEWTON.tolerance and violation < NEWTON.constraint_tolerance
         return size, solved and bool(np.all(np.abs(self.miss) <= allowed))
 
     def __call__(self, problem, state):
-        (b, m), slopes = (self.conditions.rows.shape[1], self.columns.shape[1]), self.conditions.slopes
+        (b, m), slopes = (
+            (self.conditions.rows.shape[1], self.columns.shape[1]),
+            self.conditions.slopes,
+        )
         now, _ = problem.at(state.value)
-        pairs = tangent(now, state.x, state.pressure, state.linearisation)
-        pattern = problem.pattern.fitting(pairs)
-        sides = self.columns if b == m else np.concatenate([self.columns, -control_force(problem, state)[:, None]], axis=1)
+        acting = now.with_pairs(state.pairs)
+        pairs, pattern = (
+            tangent(acting, state.x, state.pressure, state.linearisation),
+            acting.pattern,
+        )
+        sides = (
+            self.columns
+            if b == m
+            else np.concatenate([self.columns, -control_force(problem, state)[:, None]], axis=1)
+        )
         corner = np.concatenate([np.zeros((b, m)), slopes[:, None]], axis=1)[:, :b]
-        system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner)
+        system = Bordered(
+            pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner
+        )
         rhs = np.asarray(condensed_rhs(now, state.linearisation, state.linearisation))
         dx, change = system.solve(rhs + self.columns @ self.forces, self.miss)
         self.forces = self.forces + change[:m]
-        return advanced(problem, state, dx, state.linearisation, step=float(change[m:].sum()), limited=False)
+        return advanced(
+            problem, state, dx, state.linearisation, step=float(change[m:].sum()), limited=False
+        )
 
     def finish(self, problem, state):
         return super().finish(problem.at(state.value)[0], state)
@@ -120,7 +149,10 @@ class _Pinned(_Bordered):
     def __call__(self, problem, state):
         mode, made = self.columns[:, 0], super().finish(problem, state).factor
         now, _ = problem.at(state.value)
-        rhs = np.asarray(condensed_rhs(now, state.linearisation, state.linearisation)) + self.forces * mode
+        rhs = (
+            np.asarray(condensed_rhs(now, state.linearisation, state.linearisation))
+            + self.forces * mode
+        )
         both, _ = made.solve(np.stack([rhs, mode], axis=1))
         more = (self.miss - mode @ both[:, 0]) / (mode @ both[:, 1])
         self.forces = self.forces + more

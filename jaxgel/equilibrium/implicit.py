@@ -1,8 +1,9 @@
-"""Derivatives of equilibrium states with respect to everything they depend on.
+"""Derivatives of equilibria by all that they depend on, forward and reverse (adjoint).
 
-Invariant: the residual r(x; problem, value of its control) vanishes on the free degrees of freedom. Differentiated, K dx = -dr at fixed x,
-with the tangent K of the state itself. Written as a rule for tangents, it gives forward, reverse and second derivatives alike; a state that
-nothing asks about costs no linear solve, and outside of JAX's transformations nothing in reverse.
+Invariant: the residual r(x; problem, value of its control) vanishes on the free degrees of freedom.
+Differentiated, K dx = -dr at fixed x, with the tangent K of the state itself. Written as a rule for
+tangents, it gives forward, reverse and second derivatives alike; a state that nothing asks about
+costs no linear solve, and outside of JAX's transformations nothing in reverse.
 """
 
 import dataclasses
@@ -19,11 +20,13 @@ from .._programs import fitted
 from .._sizes import padded, rung
 from .._tracing import is_traced
 from .._types import Array, Float
-from ..mechanics import Equations, Problem, gather, residual, total_energy
+from ..mechanics import Equations, Problem, gather, has_pairs, residual, total_energy
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
 
-ROOM = 8  # states that the program of the reverse pass has room for, or the next power of 2 above their number
+# states that the program of the reverse pass has room for, or the next power of 2 above their
+# number
+ROOM = 8
 
 
 def state_tangents(
@@ -37,39 +40,56 @@ def state_tangents(
     *,
     in_program: bool = False,
 ) -> Float[Array, "k m 2"]:
-    """Tangents of the equilibria ``x`` with ``pressure`` at ``values`` of the control, for those of its `shared_tangents` and the values.
+    """Tangents of the equilibria ``x`` with ``pressure`` at ``values`` of the control.
 
-    They are in the sizes of the ``shared`` equations. Constrained degrees of freedom move with the nodes of the dry plate, and as a control
-    moves the edges. Operators need no tangents: they follow from the model. nan where a tangent is singular, and ``in_program``, that
-    is inside ``jax.jit``, where it is not positive definite.
+    They belong to tangents of its `shared_tangents` and of the values. They are in the sizes of the
+    ``shared`` equations. Constrained degrees of freedom move with the nodes of the dry plate, and
+    as a control moves the edges. Operators need no tangents: they follow from the model. nan if a
+    tangent is singular, and ``in_program``, that is inside ``jax.jit``, if it is not positive
+    definite.
     """
-    shared, dots = (q.replace(model=_without_observation_points(q.model)) for q in (shared, shared_dot))
+    shared, dots = (
+        q.replace(model=_without_observation_points(q.model)) for q in (shared, shared_dot)
+    )
     leaves, structure = jax.tree.flatten(shared)
-    map_ = _Changes(structure, tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves))
+    map_ = _Changes(
+        structure,
+        tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves),
+    )
     at = fitted(x, "kn", shared.lengths), fitted(pressure, "kg", shared.lengths), values
     motion, rhs = changes.bind(values_dot, *map_.floats(dots), *at, *leaves, map_=map_)
     pattern = problem.pattern if in_program else None
-    states = (*at, shared.replace(operators=problem.operators)) if in_program else (x, pressure, values, problem)
+    states = (
+        (*at, shared.replace(operators=problem.operators))
+        if in_program
+        else (x, pressure, values, problem)
+    )
     leaves, structure = jax.tree.flatten(states)
-    correction = solutions.bind(fitted(rhs, "kf", states[-1].lengths), *leaves, structure=structure, pattern=pattern)
+    correction = solutions.bind(
+        fitted(rhs, "kf", states[-1].lengths), *leaves, structure=structure, pattern=pattern
+    )
     return moved(motion, fitted(correction, "kf", shared.lengths), shared.free)
 
 
 def _without_observation_points(model):
-    """The model without the outline where only contact would need it: no residual depends on points at which states are observed."""
-    return model if model.contact is not None else dataclasses.replace(model, outline=None)
+    """The model without the outline if only contact would need it.
+
+    No residual depends on points at which states are observed.
+    """
+    return model if has_pairs(model) else dataclasses.replace(model, outline=None)
 
 
-# --- the linear map from tangents of the inputs ------------------------------------------------------------------------------
+# --- the linear map from tangents of the inputs ---------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True)
 class _Changes:
-    """Prescribed motions (k, n, 2) of the states, and -dr (k, f) left by them and the tangents of the inputs.
+    """Prescribed motions (k, n, 2), and -dr (k, f) by them and the tangents of the inputs.
 
-    Nodes move by F times the motion of the dry ones, which leaves the volume ratios nearly as they are: their change is multiplied by the
-    bulk stiffness, and its round-off by that over the stiffness of the softest mode. F itself needs no derivative: the tangents of the
-    states do not depend on the motion that is prescribed.
+    Nodes move by F times the motion of the dry ones, which leaves the volume ratios nearly as they
+    are: their change is multiplied by the bulk stiffness, and its round-off by that over the
+    stiffness of the softest mode. F itself needs no derivative: the tangents of the states do not
+    depend on the motion that is prescribed.
     """
 
     structure: object
@@ -78,10 +98,18 @@ class _Changes:
     """Which of its leaves are of floating type and have a tangent."""
 
     def __call__(self, *args):
-        """Arguments: tangents of the values (k,) and of the floating leaves; then x (k, n, 2), pressure (k, g), values (k,) and leaves."""
+        """Arguments: tangents of the values (k,) and of the floating leaves.
+
+        Then x (k, n, 2), pressure (k, g), values (k,) and leaves.
+        """
         (value_dot, *dots), (x, pressure, values, *leaves) = self.split(args)
-        count, size = len(x), states_together(len(x), jax.tree.unflatten(self.structure, leaves).model)
-        states = [_in_groups(one, -(-count // size), size) for one in (x, pressure, values, value_dot)]
+        count, size = (
+            len(x),
+            states_together(len(x), jax.tree.unflatten(self.structure, leaves).model),
+        )
+        states = [
+            _in_groups(one, -(-count // size), size) for one in (x, pressure, values, value_dot)
+        ]
         return _ungrouped(_mapped(self, states, leaves, dots), count)
 
     def of_group(self, x, pressure, values, leaves, values_dot, dots):
@@ -93,7 +121,12 @@ class _Changes:
         motions += edge_motions(problem, problem_dot, values, values_dot)
 
         def change(x, pressure, value, value_dot, motion):
-            return -gather(jax.jvp(_Forces(pressure), (x, problem, value), (motion, problem_dot, value_dot))[1], problem.free)
+            return -gather(
+                jax.jvp(_Forces(pressure), (x, problem, value), (motion, problem_dot, value_dot))[
+                    1
+                ],
+                problem.free,
+            )
 
         return [motions, jax.vmap(change)(x, pressure, values, values_dot, motions)]
 
@@ -109,7 +142,10 @@ class _Changes:
     def with_floats(self, leaves, floats):
         """The problem of the ``leaves``, with ``floats`` in place of the floating ones."""
         floats = iter(floats)
-        return jax.tree.unflatten(self.structure, [next(floats) if f else leaf for leaf, f in zip(leaves, self.floating, strict=True)])
+        return jax.tree.unflatten(
+            self.structure,
+            [next(floats) if f else leaf for leaf, f in zip(leaves, self.floating, strict=True)],
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,8 +161,13 @@ class _Forces:
 
 @compiled(static=("map_",))
 def _mapped(map_, states, leaves, dots):
-    """Values of ``map_`` for one group of states after the other; only its arguments are kept for the reverse."""
-    one = jax.checkpoint(lambda x, pressure, mu, mu_dot: map_.of_group(x, pressure, mu, leaves, mu_dot, dots))
+    """Values of ``map_`` for one group of states after the other.
+
+    Only its arguments are kept for the reverse.
+    """
+    one = jax.checkpoint(
+        lambda x, pressure, mu, mu_dot: map_.of_group(x, pressure, mu, leaves, mu_dot, dots)
+    )
     return lax.map(lambda state: one(*state), states)
 
 
@@ -134,7 +175,9 @@ def _mapped(map_, states, leaves, dots):
 def _in_groups(values, number, size):
     """The values (k, ...) in groups (number, size, ...), padded with the last one."""
     rest = number * size - len(values)
-    return jnp.concatenate([values, jnp.broadcast_to(values[-1:], (rest, *values.shape[1:]))]).reshape(number, size, *values.shape[1:])
+    return jnp.concatenate(
+        [values, jnp.broadcast_to(values[-1:], (rest, *values.shape[1:]))]
+    ).reshape(number, size, *values.shape[1:])
 
 
 @compiled(static=("count",))
@@ -142,18 +185,23 @@ def _ungrouped(values, count):
     return [value.reshape(-1, *value.shape[2:])[:count] for value in values]
 
 
-# --- its reverse -------------------------------------------------------------------------------------------------------------
+# --- its reverse ----------------------------------------------------------------------------------
 
 
 def _transposed(cotangents, args, *, map_):
-    """Cotangents of what the map is linear in: with values state by state, those that nothing asks about left out."""
+    """Cotangents of the linear map's arguments, state by state; unused ones are left out."""
     linear, (x, pressure, values, *leaves) = map_.split(args)
     others, wanted = (x, pressure, values, *leaves), tuple(arg is None for arg in linear)
     free = jax.tree.unflatten(map_.structure, leaves).free
     shapes = x.shape, (len(x), len(free))
-    given = [jnp.zeros(shape) if one is None else one for one, shape in zip(cotangents, shapes, strict=True)]
+    given = [
+        jnp.zeros(shape) if one is None else one
+        for one, shape in zip(cotangents, shapes, strict=True)
+    ]
     if is_traced(*given, *others):
-        cotangents = [one for one, asked in zip(_reversed(map_, given, others), wanted, strict=True) if asked]
+        cotangents = [
+            one for one, asked in zip(_reversed(map_, given, others), wanted, strict=True) if asked
+        ]
     else:
         cotangents = _of_wanted_states(map_, given, others, wanted)
     rest = iter(cotangents)
@@ -164,7 +212,10 @@ def _transposed(cotangents, args, *, map_):
 def _reversed(map_, cotangents, others):
     """The same by JAX."""
     leaves = others[3:]
-    zeros = [jnp.zeros(len(others[2])), *(jnp.zeros_like(leaf) for leaf in map_.floats(jax.tree.unflatten(map_.structure, leaves)))]
+    zeros = [
+        jnp.zeros(len(others[2])),
+        *(jnp.zeros_like(leaf) for leaf in map_.floats(jax.tree.unflatten(map_.structure, leaves))),
+    ]
     return jax.vjp(lambda *linear: map_(*linear, *others), *zeros)[1](list(cotangents))
 
 
@@ -180,16 +231,18 @@ def _of_wanted_states(map_, cotangents, others, wanted):
     numbers = np.full(-(-room // size) * size, room)
     numbers[: len(active)] = active
     states = [padded(np.asarray(part), room) for part in (x, pressure, values, motion, fields)]
-    found = _over_states(map_, states, numbers, -(-len(active) // size), leaves, wanted=wanted, size=size)
+    found = _over_states(
+        map_, states, numbers, -(-len(active) // size), leaves, wanted=wanted, size=size
+    )
     return [found[0][: len(x)], *found[1:]] if wanted[0] else found
 
 
 @compiled(static=("map_", "wanted", "size"))
 def _over_states(map_, states, numbers, steps, leaves, *, wanted, size):
-    """The wanted cotangents, summed over the states of these ``numbers``, ``size`` of them in each of so many ``steps``.
+    """Cotangents summed over the states ``numbers``, in ``steps`` of ``size`` each.
 
-    With f = -K^-1 c of a cotangent c of the state, the work f . r(x) is differentiated by all that r depends on. A number past the last
-    state is padding.
+    With f = -K^-1 c of a cotangent c of the state, the work f . r(x) is differentiated by all that
+    r depends on. A number past the last state is padding.
     """
     x, pressure, values, motion, fields = states
     problem = jax.tree.unflatten(map_.structure, leaves)
@@ -200,7 +253,11 @@ def _over_states(map_, states, numbers, steps, leaves, *, wanted, size):
 
         def one(x, value, pressure, field):
             now, mu = problem.at(value)
-            return jax.jvp(lambda x: total_energy(x, now.model, now.gel, mu, now.loads, pressure), (x,), (field,))[1]
+            return jax.jvp(
+                lambda x: total_energy(x, now.model, now.gel, mu, now.loads, pressure),
+                (x,),
+                (field,),
+            )[1]
 
         return jnp.sum(jax.vmap(one)(x, values, pressure, fields))
 
@@ -209,16 +266,27 @@ def _over_states(map_, states, numbers, steps, leaves, *, wanted, size):
         real = (number < len(x))[:, None, None]
         state = jnp.where(real[:, 0, 0], number, numbers[0])
         moved, field = (jnp.where(real, one[state], 0.0) for one in (motion, fields))
-        floats, forces, by_value = jax.grad(work, (0, 1, 2))(map_.floats(problem), x[state], values[state], pressure[state], field)
+        floats, forces, by_value = jax.grad(work, (0, 1, 2))(
+            map_.floats(problem), x[state], values[state], pressure[state], field
+        )
         forces = moved + forces
-        (by_dry,) = jax.linear_transpose(lambda dry: motions(x[state], values[state], dry), dry)(forces)
+        (by_dry,) = jax.linear_transpose(lambda dry: motions(x[state], values[state], dry), dry)(
+            forces
+        )
         if problem.moves_edges:
             by_control, more = edge_cotangents(problem, values[state], forces)
-            floats, by_value = jax.tree.map(jnp.add, floats, map_.floats(_zeros_but(problem, by_control))), by_value + more
+            floats, by_value = (
+                jax.tree.map(jnp.add, floats, map_.floats(_zeros_but(problem, by_control))),
+                by_value + more,
+            )
         sums = jax.tree.map(jnp.add, total[1:], (floats, by_dry))
         return total[0].at[number].set(by_value, mode="drop"), *sums
 
-    zeros = jnp.zeros(len(x)), [jnp.zeros_like(leaf) for leaf in map_.floats(problem)], jnp.zeros(dry.shape)
+    zeros = (
+        jnp.zeros(len(x)),
+        [jnp.zeros_like(leaf) for leaf in map_.floats(problem)],
+        jnp.zeros(dry.shape),
+    )
     by_value, floats, by_dry = lax.fori_loop(0, steps, add, zeros)
     cotangent = map_.with_floats(leaves, floats)
     model = dataclasses.replace(cotangent.model, nodes=cotangent.model.nodes + by_dry)
@@ -231,7 +299,7 @@ def _zeros_but(problem, control):
     return jax.tree.map(jnp.zeros_like, problem).replace(control=control)
 
 
-# --- the primitive -----------------------------------------------------------------------------------------------------------
+# --- the primitive --------------------------------------------------------------------------------
 
 
 def _value(*args, map_, **_):
@@ -250,12 +318,17 @@ def _jvp(args, tangents, *, map_):
     linear, others = map_.split(args)
     dots, _ = map_.split(tangents)
     if any(dot is not None for dot in dots):
-        dots = [jnp.zeros_like(arg) if dot is None else dot for arg, dot in zip(linear, dots, strict=True)]
+        dots = [
+            jnp.zeros_like(arg) if dot is None else dot
+            for arg, dot in zip(linear, dots, strict=True)
+        ]
         parts.append(changes.bind(*dots, *others, map_=map_))
     moving = [None] * len(linear) + list(map_.split(tangents)[1])
     if any(dot is not None for dot in moving):
         parts.append(tangents_of(map_, args, moving, found))
-    return found, [sum(of) if of else None for of in zip(*parts, strict=True)] if parts else [None] * len(found)
+    return found, [sum(of) if of else None for of in zip(*parts, strict=True)] if parts else [
+        None
+    ] * len(found)
 
 
 def _batched(args, axes, *, map_, **_):
@@ -263,6 +336,13 @@ def _batched(args, axes, *, map_, **_):
 
 
 changes = primitive(
-    "equilibrium_changes", value=_value, traced=_value, shapes=_shapes, jvp=_jvp, transpose=_transposed, batch=_batched, several=True
+    "equilibrium_changes",
+    value=_value,
+    traced=_value,
+    shapes=_shapes,
+    jvp=_jvp,
+    transpose=_transposed,
+    batch=_batched,
+    several=True,
 )
 """`_Changes` of their arguments."""

@@ -1,8 +1,9 @@
-"""Relaxation: how a state that lost its stability finds a stable one, as an overdamped gel would.
+"""Relaxation of an unstable state to a stable one by overdamped motion.
 
-Pseudo-transient continuation (Kelley & Keyes 1998): implicit Euler steps of N dx/dt = -r with the stiffness N of the dry network as
-viscosity, (K + alpha N) dx = -r, where 1 / alpha is the step in time. Alpha stays large enough for a positive definite matrix, so the
-energy falls and no saddle attracts, and goes to zero with the residual, which ends in Newton's method.
+Pseudo-transient continuation (Kelley & Keyes 1998): implicit Euler steps of N dx/dt = -r with the
+stiffness N of the dry network as viscosity, (K + alpha N) dx = -r, where 1 / alpha is the step in
+time. Alpha stays large enough for a positive definite matrix, so the energy falls and no saddle
+attracts, and goes to zero with the residual, which ends in Newton's method.
 """
 
 import dataclasses
@@ -12,30 +13,45 @@ import numpy as np
 from .._types import Array, Chemical, Float
 from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import Problem, condensed_rhs, scatter, tangent
-from .newton import NEWTON, Correction, Newton, advanced, iterate, starting
+from .newton import NEWTON, Correction, Newton, advanced, iterate, starting, uncrossed
 from .state import State
-from .status import of_outlines
 
-FIRST_DAMPING = 0.5  # alpha, in units of the network's stiffness like the eigenvalues of the tangent
+# alpha, in units of the network's stiffness like the eigenvalues of the tangent
+FIRST_DAMPING = 0.5
 LARGEST_DAMPING = 1e4
 MAX_ITERATIONS = 200
 KICK = 0.02  # of the spacing: largest displacement along the mode that starts the motion
 
 
-def relax(problem: Problem, value: Chemical, x: Float[Array, "n 2"], pressure: Float[Array, " g"], newton: Newton = NEWTON) -> State:
-    """Stable `State` at a ``value`` of the control into which positions ``x`` with pressures relax; its status says if none was found."""
+def relax(
+    problem: Problem,
+    value: Chemical,
+    x: Float[Array, "n 2"],
+    pressure: Float[Array, " g"],
+    newton: Newton = NEWTON,
+) -> State:
+    """Stable `State` at a ``value`` of the control into which positions ``x`` with pressures relax.
+
+    Its status says if none was found.
+    """
     now, mu = problem.at(value)
-    found = iterate(now, starting(now, mu, problem.placed(x, value), pressure), Damped(newton))
-    found = dataclasses.replace(found, value=float(value), contact_active=problem.has_contact)
-    return dataclasses.replace(found, status=of_outlines(found.x, problem.model, contact=True)) if found.status.ok else found
+    return uncrossed(
+        problem,
+        iterate(now, starting(now, mu, problem.placed(x, value), pressure), Damped(newton)),
+        value,
+    )
 
 
-def relax_along(problem: Problem, state: State, mode: Float[np.ndarray, " f"], newton: Newton = NEWTON) -> State:
+def relax_along(
+    problem: Problem, state: State, mode: Float[np.ndarray, " f"], newton: Newton = NEWTON
+) -> State:
     """`relax` from an unstable state, pushed along ``mode``."""
     amplitude = KICK * problem.model.cloud.spacing / np.abs(mode).max()
     x = state.x + scatter(amplitude * mode, problem.free)
     found = relax(problem, state.value, x, state.pressure, newton)
-    return dataclasses.replace(found, newton_iterations=found.newton_iterations + state.newton_iterations)
+    return dataclasses.replace(
+        found, newton_iterations=found.newton_iterations + state.newton_iterations
+    )
 
 
 @dataclasses.dataclass
@@ -58,9 +74,12 @@ class Damped(Correction):
 
     def __call__(self, problem: Problem, state: State) -> State:
         """The next iterate."""
-        pairs = np.asarray(tangent(problem, state.x, state.pressure, state.linearisation))
-        self._factorise(problem, pairs)
-        dx, _ = self.factor.solve(np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation)), refine=False)
+        acting = problem.with_pairs(state.pairs)
+        self._factorise(acting, tangent(acting, state.x, state.pressure, state.linearisation))
+        dx, _ = self.factor.solve(
+            np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation)),
+            refine=False,
+        )
         return advanced(problem, state, dx, state.linearisation)
 
     def finish(self, problem: Problem, state: State) -> State:  # noqa: ARG002
@@ -68,7 +87,7 @@ class Damped(Correction):
         return state
 
     def _factorise(self, problem, pairs):
-        """Factor of the damped tangent without negative pivots, with as little damping as that takes."""
+        """Factor of the tangent with the least damping that leaves no negative pivots."""
         network = problem.network[:, None, None] * np.eye(2)
         while self.damping < LARGEST_DAMPING:
             shifted = pairs.copy()

@@ -1,7 +1,7 @@
 """Solutions of K dx = b with the tangents K of many states, one JAX primitive and its rules.
 
-They are found on the host, with the factors that the sweep left behind: between compiled programs. In one, each tangent
-is factorised again.
+They are found on the host, with the factors that the sweep left behind: between compiled programs.
+In one, each tangent is factorised again.
 """
 
 import dataclasses
@@ -17,20 +17,34 @@ from .._primitives import primitive
 from .._threads import few_threads
 from ..discretisation import Body
 from ..linalg import RECENT_FACTORS, SingularTangent, elimination_of
-from ..mechanics import factorised_tangent, gather, hessian_product, linearise, pair_product, scatter, tangent_blocks
+from ..mechanics import (
+    factorised_tangent,
+    gather,
+    hessian_product,
+    linearise,
+    pair_product,
+    scatter,
+    tangent_blocks,
+)
 
-STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
+# states that are differentiated together: per cell one product of small matrices; more would leave
+# the cache
+STATES_TOGETHER = 4
 BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
 
 
 def states_together(count: int, model: Body) -> int:
     """Number of states, of ``count``, that are differentiated together."""
-    return min(count, STATES_TOGETHER, max(1, BYTES_TOGETHER // (16 * sum(block.nodes.size for block in model.blocks))))
+    return min(
+        count,
+        STATES_TOGETHER,
+        max(1, BYTES_TOGETHER // (16 * sum(block.nodes.size for block in model.blocks))),
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class _Products:
-    """Products like ``v`` (k, f) or (k, f, r) of the tangents with ``v``, of the leaves that `solutions` has."""
+    """Products like ``v`` (k, f) or (k, f, r) of the tangents, of the leaves of `solutions`."""
 
     structure: object
     """Tree structure of the leaves."""
@@ -41,10 +55,14 @@ class _Products:
         def product(state):
             v, x, pressure, value = state
             field, (now, mu) = scatter(v, problem.free), problem.at(value)
-            return gather(hessian_product(x, field, now.model, now.gel, mu, now.loads, pressure), problem.free)
+            return gather(
+                hessian_product(x, field, now.model, now.gel, mu, now.loads, pressure), problem.free
+            )
 
         def of_all(v):
-            return lax.map(product, (v, x, pressure, values), batch_size=states_together(len(x), problem.model))
+            return lax.map(
+                product, (v, x, pressure, values), batch_size=states_together(len(x), problem.model)
+            )
 
         return [of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)]
 
@@ -56,17 +74,23 @@ def _solutions_jvp(primals, tangents, *, structure, pattern):
     if any(dot is not None for dot in dots):
         (moved,) = tangents_of(_Products(structure), [solution, *leaves], [None, *dots], [solution])
         change = -moved if change is None else change - moved
-    return solution, change if change is None else solutions.bind(change, *leaves, structure=structure, pattern=pattern)
+    return solution, change if change is None else solutions.bind(
+        change, *leaves, structure=structure, pattern=pattern
+    )
 
 
 def _solutions_transpose(cotangent, args, *, structure, pattern):
     """Tangents are symmetric."""
-    found = None if cotangent is None else solutions.bind(cotangent, *args[1:], structure=structure, pattern=pattern)
+    found = (
+        None
+        if cotangent is None
+        else solutions.bind(cotangent, *args[1:], structure=structure, pattern=pattern)
+    )
     return [found, *(None for _ in args[1:])]
 
 
 def _solved(rhs, *leaves, structure, **_):
-    """On the host, with values; 0 for 0 at no cost, nan where a tangent is singular."""
+    """On the host, with values; 0 for 0 at no cost, nan if a tangent is singular."""
     x, pressure, values, problem = jax.tree.unflatten(structure, leaves)
     rhs, x, pressure, values = map(np.asarray, (rhs, x, pressure, values))
     found = np.zeros(rhs.shape)
@@ -92,7 +116,7 @@ def _factor(problem, x, pressure, value):
 
 
 def _solved_in_program(rhs, *leaves, structure, pattern):
-    """The same inside a compiled program, where the tangents are positive definite; nan where one is not."""
+    """The same inside a compiled program, for positive definite tangents; nan if one is not."""
     x, pressure, values, shared = jax.tree.unflatten(structure, leaves)
     elimination = lax.optimization_barrier(elimination_of(pattern))
     size = len(elimination.order)
@@ -105,7 +129,9 @@ def _solved_in_program(rhs, *leaves, structure, pattern):
 
         def solve(b):
             v = jnp.zeros_like(b).at[:size].set(elimination.solve(factors, b[:size]))
-            left = b - gather(pair_product(blocks, now.operators.pairs, scatter(v, shared.free)), shared.free)
+            left = b - gather(
+                pair_product(blocks, now.operators.pairs, scatter(v, shared.free)), shared.free
+            )
             return v.at[:size].add(elimination.solve(factors, left[:size]))
 
         return solve(rhs) if rhs.ndim == 1 else jax.vmap(solve, 1, 1)(rhs)
@@ -117,9 +143,13 @@ def _solved_batch(args, axes, *, structure, pattern):
     """Right-hand sides (b, k, f) for the same states are columns."""
     (rhs, *states), (axis, *others) = args, axes
     if any(other is not None for other in others):
-        return jax.vmap(functools.partial(_solved_in_program, structure=structure, pattern=pattern), axes)(*args), 0
+        return jax.vmap(
+            functools.partial(_solved_in_program, structure=structure, pattern=pattern), axes
+        )(*args), 0
     columns = jnp.moveaxis(rhs, axis, -1)
-    found = solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure, pattern=pattern)
+    found = solutions.bind(
+        columns.reshape(*columns.shape[:2], -1), *states, structure=structure, pattern=pattern
+    )
     return found.reshape(columns.shape), columns.ndim - 1
 
 
@@ -133,6 +163,9 @@ solutions = primitive(
     batch=_solved_batch,
     several=False,
 )
-"""Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
-(x (k, n, 2), pressure (k, g), values (k,) of the control, `Problem`) with the tree ``structure``. In a program the last is its shared
-form, and the ``pattern`` that of its tangents; else it is None."""
+"""Solutions of the tangents of states for right-hand sides (k, f) or (k, f, r).
+
+They are like the right-hand sides; the states are described by the other arguments: the leaves of
+(x (k, n, 2), pressure (k, g), values (k,) of the control, `Problem`) with the tree ``structure``.
+In a program the last is its shared form, and the ``pattern`` that of its tangents; else it is None.
+"""

@@ -1,4 +1,4 @@
-"""Newton's method inside a compiled program: `newton.solve` without contact, for a branch that is stable."""
+"""Newton's method in a compiled program: `newton.solve` without contact, stable branch."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,15 @@ from jax import lax
 
 from .._types import Array, Bool, Chemical, Float, Int
 from ..linalg import Elimination, Factors, is_definite
-from ..mechanics import Equations, Linearisation, condensed_rhs, linearise, pressure_step, scatter, tangent_blocks
+from ..mechanics import (
+    Equations,
+    Linearisation,
+    condensed_rhs,
+    linearise,
+    pressure_step,
+    scatter,
+    tangent_blocks,
+)
 from .newton import SLOW, Newton
 from .status import Status
 
@@ -29,7 +37,7 @@ class Iterate(NamedTuple):
     linearisation: Linearisation
     """The mixed form about the iterate before; about the state itself if it converged."""
     error: Float[Array, ""]
-    """Residual norm and constraint violation of the iterate before over their tolerances, the larger one."""
+    """Larger of residual norm and constraint violation of the last iterate over tolerances."""
     iterations: Int[Array, ""]
     """Linear solves so far."""
     status: Int[Array, ""]
@@ -37,15 +45,24 @@ class Iterate(NamedTuple):
 
 
 def first_iterate(
-    problem: Equations, elimination: Elimination, value: Chemical, x: Float[Array, "n 2"], pressure: Float[Array, " g"]
+    problem: Equations,
+    elimination: Elimination,
+    value: Chemical,
+    x: Float[Array, "n 2"],
+    pressure: Float[Array, " g"],
 ) -> Iterate:
-    """An iterate at a ``value`` of the control with positions ``x`` and ``pressure``, without a factor that could be used."""
+    """An iterate at a ``value`` with positions ``x`` and ``pressure``, without a usable factor.
+
+    It is a value of the control.
+    """
     problem, mu = problem.at(value)
     shapes = jax.eval_shape(lambda: linearise(problem, x, pressure, mu))
     now = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
     sizes = jax.eval_shape(lambda: elimination.cholesky(tangent_blocks(problem, x, pressure, now)))
     factors = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), sizes)
-    return Iterate(x, pressure, factors, now, now, jnp.zeros(()), jnp.zeros((), int), jnp.asarray(ITERATING))
+    return Iterate(
+        x, pressure, factors, now, now, jnp.zeros(()), jnp.zeros((), int), jnp.asarray(ITERATING)
+    )
 
 
 def solve_traced(
@@ -58,21 +75,27 @@ def solve_traced(
     has_factor: Bool[Array, ""],
     newton: Newton,
 ) -> Iterate:
-    """The `Iterate` in which Newton's method ends at a ``value`` of the control, from ``x``, mm, and ``pressure``, kT/v.
+    """Final `Iterate` of Newton's method at a ``value`` from ``x``, mm, and ``pressure``, kT/v.
 
-    The first corrections use the factor of the ``last`` state if it ``has_factor``. A tangent that is not positive definite
-    ends it with the status ``LOST_STABILITY``.
+    It is a value of the control. The first corrections use the factor of the ``last`` state if it
+    ``has_factor``. A tangent that is not positive definite ends it with the status
+    ``LOST_STABILITY``.
     """
     now, mu = problem.at(value)
 
     def correct(at: Iterate) -> Iterate:
         linearisation = linearise(now, at.x, at.pressure, mu)
-        residual, violation = linearisation.residual_norm / newton.tolerance, linearisation.violation
+        residual, violation = (
+            linearisation.residual_norm / newton.tolerance,
+            linearisation.violation,
+        )
         error = jnp.maximum(residual, violation / newton.constraint_tolerance)
         solved, finite = error < 1, jnp.isfinite(error)
 
         def factorised():
-            return elimination.cholesky(tangent_blocks(now, at.x, at.pressure, linearisation)), linearisation
+            return elimination.cholesky(
+                tangent_blocks(now, at.x, at.pressure, linearisation)
+            ), linearisation
 
         fresh = solved | (error > SLOW * at.error)
         factors, there = lax.cond(fresh, factorised, lambda: (at.factors, at.factorised_at))

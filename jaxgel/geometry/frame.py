@@ -1,6 +1,7 @@
-"""The frame of a periodic cell: which rectangle of the lattice is computed, and where its holes and regions lie in it.
+"""Frame of a periodic cell: the computed rectangle of the lattice, with its holes and regions.
 
-The frame is arbitrary: a periodic edge may lie along any straight line that crosses no hole. Lengths in mm; host NumPy.
+The frame is arbitrary: a periodic edge may lie along any straight line that crosses no hole.
+Lengths in mm; host NumPy.
 """
 
 import dataclasses
@@ -24,7 +25,10 @@ class Frame:
     """The rectangle of a periodic lattice that is computed, relative to the plate as given."""
 
     middle: Float[np.ndarray, "2"]
-    """Middle of the rectangle in the coordinates of the plate as given; these count from the middle of the plate."""
+    """Middle of the rectangle in the coordinates of the plate as given.
+
+    These count from the middle of the plate.
+    """
     periods: Float[np.ndarray, "2"]
     """Periods of the lattice along x and y, see `periods`."""
     holes: Float[np.ndarray, "h 2"]
@@ -38,7 +42,10 @@ class Frame:
         return not (self.middle.any() or self.holes.any() or self.regions.any())
 
     def of(self, plate: Plate) -> Plate:
-        """The ``plate``, whose parameters may be traced, in this frame; the plate itself if the frame is as given."""
+        """The ``plate``, whose parameters may be traced, in this frame.
+
+        The plate itself if the frame is as given.
+        """
         if self.is_given:
             return plate
         holes, regions = (
@@ -49,22 +56,36 @@ class Frame:
         return dataclasses.replace(plate, holes=holes, regions=regions, core=core, reference=None)
 
     def from_given(self, points: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
-        """Coordinates (..., 2) in this frame of ``points`` (..., 2) of the plate as given, or of their images in the frame."""
+        """Coordinates (..., 2) in this frame of ``points`` (..., 2) of the plate or images.
+
+        The plate as given.
+        """
         return points if self.is_given else _wrapped(points - self.middle, self.periods)
 
     def to_given(self, points: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
-        """Coordinates (..., 2) on the plate as given of ``points`` (..., 2) in this frame, or of their images there; they may be traced."""
+        """Coordinates (..., 2) on the plate of ``points`` (..., 2) in this frame; may be traced.
+
+        Points outside the plate as given are taken at their images there.
+        """
         return points if self.is_given else _wrapped(points + self.middle, self.periods)
 
 
 def frame_of(plate: Plate) -> Frame:
-    """The `Frame` of a concrete plate: its periodic edges lie in the middle of the widest gap between holes and regions, seen along them.
+    """`Frame` of a concrete plate: its periodic edges lie in the widest gap between holes.
 
-    So the frame does not depend on that of the plate as given, which is kept if its edges lie in the middle of one of the widest gaps.
-    Raises ValueError, one line, if there is no gap: every line along an edge then crosses a hole or one of its images.
+    They lie in the middle of the gap, which may also be between regions, seen along the edges. So
+    the frame does not depend on that of the plate as given, which is kept if its edges lie in the
+    middle of one of the widest gaps. Raises ValueError, one line, if there is no gap: every line
+    along an edge then crosses a hole or one of its images.
     """
-    along, samples = periods(plate), [[sampled_outline(o) for o in outlines] for outlines in (plate.holes, plate.regions)]
-    spans = [np.array([[end(p, axis=0) for p in points] for end in (np.min, np.max)]).reshape(2, -1, 2) for points in samples]
+    along, samples = (
+        periods(plate),
+        [[sampled_outline(o) for o in outlines] for outlines in (plate.holes, plate.regions)],
+    )
+    spans = [
+        np.array([[end(p, axis=0) for p in points] for end in (np.min, np.max)]).reshape(2, -1, 2)
+        for points in samples
+    ]
     middle, layers = np.zeros(2), (spans[1][0] < -along / 2) & (spans[1][1] > along / 2)
     for axis in np.flatnonzero(along):
         low, high = np.concatenate([spans[0], spans[1][:, ~layers[:, axis]]], axis=1)[:, :, axis]
@@ -79,30 +100,38 @@ def frame_of(plate: Plate) -> Frame:
                 continue
             k = int(np.flatnonzero(layers[:, axis])[0])
             raise Inadmissible(
-                f"edges: {edges} are periodic and cross a hole or region, but regions[{k}] is a layer across the cell, which keeps its "
+                f"edges: {edges} are periodic and cross a hole or region, but regions[{k}] is a "
+                "layer across the cell, which keeps its "
                 "place; translate holes and regions so that these edges cross layers only"
             )
         if best <= room:
             raise Inadmissible(
-                f"edges: {edges} are periodic, but every line along {line} crosses a hole or region of the lattice or touches one; leave "
-                f"more than {2 * room:.2g} mm between them, seen along {line}, or use roller edges along mirror lines of the lattice"
+                f"edges: {edges} are periodic, but every line along {line} crosses a hole or "
+                "region of the lattice or touches one; leave "
+                f"more than {2 * room:.2g} mm between them, seen along {line}, or use roller "
+                "edges along mirror lines of the lattice"
             )
         widest = cuts[clearances > best * (1 - EQUAL)]
         middle[axis] = widest[np.argmin(np.abs(widest))]
-    holes, regions = (_wrapped(span.mean(axis=0) - middle, along) - span.mean(axis=0) for span in spans)
+    holes, regions = (
+        _wrapped(span.mean(axis=0) - middle, along) - span.mean(axis=0) for span in spans
+    )
     regions[layers] = 0.0
     return Frame(middle, along, holes, regions)
 
 
 def sampled_outline(outline: Hole) -> Float[np.ndarray, "p 2"]:
-    """Points (p, 2) of an outline, its corners among them, mm: enough for its extent and for how it lies."""
-    return at_numbers(outline_points, outline, np.union1d(np.arange(SAMPLES) / SAMPLES, outline.corners))
+    """Points (p, 2) of an outline with its corners, mm, for its extent and orientation."""
+    return at_numbers(
+        outline_points, outline, np.union1d(np.arange(SAMPLES) / SAMPLES, outline.corners)
+    )
 
 
 def _gaps(low, high, period):
-    """Clearances (k,) of the middles of the gaps between intervals (k,) and their images, and how far (k,) these lie from the edges.
+    """Clearances (k,) of the gaps between intervals (k,) and images, and distances from edges.
 
-    Negative if there is no gap. The last clearance is that of the edges as given.
+    Distances are those of the gaps' middles. Negative if there is no gap. The last clearance is
+    that of the edges as given.
     """
     start = (low + period / 2) % period
     order = np.argsort(start, kind="stable")
@@ -111,7 +140,9 @@ def _gaps(low, high, period):
     following = np.append(start[1:], start[:1] + period)
     cuts = (reach + following) / 2
     given = np.minimum(period - reach[-1:], following[-1:] - period)
-    return np.append((following - reach) / 2, given), np.append(_wrapped(cuts, period), np.zeros(len(given)))
+    return np.append((following - reach) / 2, given), np.append(
+        _wrapped(cuts, period), np.zeros(len(given))
+    )
 
 
 def _wrapped(points, along):

@@ -1,4 +1,4 @@
-"""What every kind of hole has: parameters that are the leaves of a pytree, an outline, an inside and an area."""
+"""Base class of holes: parameters as leaves of a pytree, outline, inside and area."""
 
 import contextlib
 import dataclasses
@@ -20,8 +20,9 @@ LEAST = 64  # times a power of 2 points of an outline are computed together
 def pytree(*, meta: Sequence[str] = ()) -> Callable[[C], C]:
     """Register a dataclass as a JAX pytree whose fields named in ``meta`` are static.
 
-    Unlike ``jax.tree_util.register_dataclass`` it rebuilds objects without calling the constructor, so that a constructor may
-    convert and check what a person writes and never meets JAX's placeholder leaves.
+    Unlike ``jax.tree_util.register_dataclass`` it rebuilds objects without calling the constructor,
+    so that a constructor may convert and check what a person writes and never meets JAX's
+    placeholder leaves.
     """
 
     def register(cls):
@@ -45,9 +46,10 @@ def pytree(*, meta: Sequence[str] = ()) -> Callable[[C], C]:
 
 
 class Hole:
-    """What all holes share; a kind of hole adds its parameters as dataclass fields and the three functions below.
+    """Base class of holes; a kind adds its parameters as fields and the three functions below.
 
-    Raises ValueError for a parameter that is no number or has the wrong shape. Values are checked by ``check_plate``.
+    Raises ValueError for a parameter that is no number or has the wrong shape. Values are checked
+    by ``check_plate``.
     """
 
     shapes: ClassVar[dict[str, tuple]] = {}
@@ -57,7 +59,11 @@ class Hole:
 
     def __post_init__(self) -> None:
         for name, shape in self.shapes.items():
-            object.__setattr__(self, name, checked_parameter(getattr(self, name), shape, f"{type(self).__name__}.{name}"))
+            object.__setattr__(
+                self,
+                name,
+                checked_parameter(getattr(self, name), shape, f"{type(self).__name__}.{name}"),
+            )
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -70,18 +76,28 @@ class Hole:
         return {name: getattr(self, name) for name in self.shapes}
 
     def translated(self, by: Float[Array, " 2"]) -> "Hole":
-        """The hole translated ``by`` a vector (2,), mm; ValueError for a kind that has neither a ``centre`` nor ``vertices``."""
+        """The hole translated ``by`` a vector (2,), mm.
+
+        ValueError for a kind that has neither a ``centre`` nor ``vertices``.
+        """
         place = next((name for name in ("centre", "vertices") if name in self.shapes), None)
         if place is None:
-            raise ValueError(f"{type(self).__name__}: has no parameter 'centre' or 'vertices'; define translated(by) for it")
-        return dataclasses.replace(self, **{place: getattr(self, place) + by})  # pyright: ignore[reportArgumentType]
+            raise ValueError(
+                f"{type(self).__name__}: has no parameter 'centre' or 'vertices'; define "
+                "translated(by) for it"
+            )
+        moved = {place: getattr(self, place) + by}
+        return dataclasses.replace(self, **moved)  # pyright: ignore[reportArgumentType]
 
     def point(self, t: Scalar) -> Float[Array, "2"]:
         """Point of the outline at t; t and t + 1 are the same point."""
         raise NotImplementedError
 
     def excess(self, x: Float[Array, "2"]) -> Float[Array, ""]:
-        """How far outside the hole the point ``x`` lies, mm, along the ray from its centre or across its sides; negative inside."""
+        """Signed distance of the point ``x`` from the hole, mm, along a ray; negative inside.
+
+        Along the ray from its centre or across its sides.
+        """
         raise NotImplementedError
 
     def area(self) -> Float[Array, ""]:
@@ -91,22 +107,33 @@ class Hole:
 
 def checked_parameter(value: object, shape: tuple, name: str) -> Array:
     """``value`` as a float array of ``shape``; ValueError otherwise."""
-    wanted = "a number" if shape == () else f"an array of numbers of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+    wanted = (
+        "a number"
+        if shape == ()
+        else f"an array of numbers of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+    )
     if isinstance(value, (list, tuple, int, float, np.ndarray, np.generic)):
-        with contextlib.suppress(TypeError, ValueError, OverflowError):  # a list that holds traced numbers, or no numbers at all
+        # a list that holds traced numbers, or no numbers at all
+        with contextlib.suppress(TypeError, ValueError, OverflowError):
             value = np.asarray(value, dtype=float)
-    is_float = isinstance(value, jax.Array) and value.dtype == jnp.float64  # converting a traced one takes time and does nothing
+    # converting a traced one takes time and does nothing
+    is_float = isinstance(value, jax.Array) and value.dtype == jnp.float64
     try:
         array = value if is_float else jnp.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: {value!r} is not {wanted}") from None
-    if array.ndim != len(shape) or any(isinstance(n, int) and n != m for n, m in zip(shape, array.shape, strict=True)):
+    if array.ndim != len(shape) or any(
+        isinstance(n, int) and n != m for n, m in zip(shape, array.shape, strict=True)
+    ):
         raise ValueError(f"{name}: an array of shape {array.shape} is not {wanted}")
     return array
 
 
 def outline_points(hole: Hole, t: Float[Array, " m"]) -> Float[Array, "m 2"]:
-    """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; few programs per kind of hole serve all numbers of points."""
+    """Points (m, 2) of the outline at the parameters ``t`` (m,), mm.
+
+    Few programs per kind of hole serve all numbers of points.
+    """
     many = padded(t, LEAST * rung(-(-len(t) // LEAST), 1))
     return resized(_points(hole, many), (len(t), 2))
 

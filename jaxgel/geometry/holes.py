@@ -1,7 +1,8 @@
 """Kinds of holes: smooth closed outlines as functions of a few continuous parameters.
 
-Lengths in mm, angles in radians. Every hole is a JAX pytree whose leaves are its parameters, which may be traced arrays. An
-outline is a periodic function ``point(t)`` of t in [0, 1], anticlockwise, smooth between the ``corners``.
+Lengths in mm, angles in radians. Every hole is a JAX pytree whose leaves are its parameters, which
+may be traced arrays. An outline is a periodic function ``point(t)`` of t in [0, 1], anticlockwise,
+smooth between the ``corners``.
 """
 
 import dataclasses
@@ -18,9 +19,10 @@ from .hole import Hole, pytree
 
 
 class _Radial:
-    """Outline in polar form about ``centre``, turned by ``angle`` where the kind has one.
+    """Outline in polar form about ``centre``, turned by ``angle`` if the kind has one.
 
-    ``radius_at(phi)`` is its distance from the centre, mm, at the polar angle ``phi`` in the hole's own axes.
+    ``radius_at(phi)`` is its distance from the centre, mm, at the polar angle ``phi`` in the hole's
+    own axes.
     """
 
     def point(self, t: Scalar) -> Float[Array, "2"]:
@@ -41,7 +43,7 @@ class _Radial:
 @pytree()
 @dataclasses.dataclass(frozen=True, eq=False)
 class Circle(_Radial, Hole):
-    """A circle."""
+    """A circular hole; the user makes it for a `Plate`."""
 
     centre: Float[Array, "2"] | Sequence[Scalar]
     """Centre, mm."""
@@ -61,7 +63,10 @@ class Circle(_Radial, Hole):
 @pytree()
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ellipse(_Radial, Hole):
-    """An ellipse; t is the eccentric anomaly over 2 pi, so ``point(0)`` is the end of the first axis."""
+    """An elliptical hole; the user makes it for a `Plate`.
+
+    t is the eccentric anomaly over 2 pi, so `point(0)` is the end of the first axis.
+    """
 
     centre: Float[Array, "2"] | Sequence[Scalar]
     """Centre, mm."""
@@ -87,18 +92,26 @@ class Ellipse(_Radial, Hole):
 @pytree()
 @dataclasses.dataclass(frozen=True, eq=False)
 class Superellipse(_Radial, Hole):
-    """The curve |x/a|^n + |y/b|^n = 1 by its polar angle: n = 2 is the ellipse, a large n a rectangle with round corners."""
+    """A hole |x/a|^n + |y/b|^n = 1, by its polar angle; the user makes it for a `Plate`.
+
+    n = 2 is the ellipse, a large n a rectangle with round corners.
+    """
 
     centre: Float[Array, "2"] | Sequence[Scalar]
     """Centre, mm."""
     semi_axes: Float[Array, "2"] | Sequence[Scalar]
     """Semi-axes a and b, mm."""
     exponent: Scalar
-    """Exponent n, above 1 and at most 100."""
+    """Exponent n (), above 1 and at most 100."""
     angle: Scalar = 0.0
     """Angle of the first axis to the x axis, rad."""
 
-    shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "semi_axes": (2,), "exponent": (), "angle": ()}
+    shapes: ClassVar[dict[str, tuple]] = {
+        "centre": (2,),
+        "semi_axes": (2,),
+        "exponent": (),
+        "angle": (),
+    }
     positive: ClassVar[tuple[str, ...]] = ("semi_axes", "exponent")
 
     def radius_at(self, phi: Scalar) -> Float[Array, ""]:
@@ -109,15 +122,22 @@ class Superellipse(_Radial, Hole):
 
     def area(self) -> Float[Array, ""]:
         n, log_gamma = self.exponent, jax.scipy.special.gammaln
-        return 4 * self.semi_axes[0] * self.semi_axes[1] * jnp.exp(2 * log_gamma(1 + 1 / n) - log_gamma(1 + 2 / n))
+        return (
+            4
+            * self.semi_axes[0]
+            * self.semi_axes[1]
+            * jnp.exp(2 * log_gamma(1 + 1 / n) - log_gamma(1 + 2 / n))
+        )
 
 
 @pytree()
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fourier(_Radial, Hole):
-    """The outline r(phi) = radius (1 + sum_k cos_k cos k phi + sin_k sin k phi) with k = 2, 3, ..., m + 1.
+    """A hole with the outline r(phi) of a Fourier series; the user makes it for a `Plate`.
 
-    k = 1 is left out because to first order it only moves the centre; an angle is left out because cos and sin contain it.
+    r = radius (1 + sum_k cos_k cos k phi + sin_k sin k phi) with k = 2, 3, ..., m + 1. k = 1 is
+    left out because to first order it only moves the centre; an angle is left out because cos and
+    sin contain it.
     """
 
     centre: Float[Array, "2"] | Sequence[Scalar]
@@ -125,17 +145,25 @@ class Fourier(_Radial, Hole):
     radius: Scalar
     """Mean radius, mm."""
     cos: Float[Array, " m"] | Sequence[Scalar]
-    """Coefficients of cos 2 phi, cos 3 phi, ..."""
+    """Coefficients (m,) of cos 2 phi, cos 3 phi, ..., dimensionless."""
     sin: Float[Array, " m"] | Sequence[Scalar]
-    """Coefficients of sin 2 phi, sin 3 phi, ..."""
+    """Coefficients (m,) of sin 2 phi, sin 3 phi, ..., dimensionless."""
 
-    shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "radius": (), "cos": ("m",), "sin": ("m",)}
+    shapes: ClassVar[dict[str, tuple]] = {
+        "centre": (2,),
+        "radius": (),
+        "cos": ("m",),
+        "sin": ("m",),
+    }
     positive: ClassVar[tuple[str, ...]] = ("radius",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.cos.shape != self.sin.shape:
-            raise ValueError(f"Fourier.cos, Fourier.sin: {len(self.cos)} and {len(self.sin)} coefficients; both must have the same number")
+            raise ValueError(
+                f"Fourier.cos, Fourier.sin: {len(self.cos)} and {len(self.sin)} coefficients; "
+                "both must have the same number"
+            )
 
     def radius_at(self, phi: Scalar) -> Float[Array, ""]:
         k = np.arange(2, len(self.cos) + 2)
@@ -148,7 +176,10 @@ class Fourier(_Radial, Hole):
 @pytree()
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rectangle(Hole):
-    """A rectangle; t = 0, 1/4, 1/2, 3/4 are its corners, from the lower left one on."""
+    """A rectangular hole; the user makes it for a `Plate`.
+
+    t = 0, 1/4, 1/2, 3/4 are its corners, from the lower left one on.
+    """
 
     centre: Float[Array, "2"] | Sequence[Scalar]
     """Centre, mm."""
@@ -178,10 +209,13 @@ class Rectangle(Hole):
 @pytree()
 @dataclasses.dataclass(frozen=True, eq=False)
 class Polygon(Hole):
-    """A simple polygon, convex or not; t = k/n is vertex k."""
+    """A polygonal hole without crossings, convex or not; the user makes it for a `Plate`.
+
+    t = k/n is vertex k.
+    """
 
     vertices: Float[Array, "n 2"] | Sequence[Sequence[Scalar]]
-    """Anticlockwise, mm, first one not repeated."""
+    """Vertices, anticlockwise, mm; the first one is not repeated."""
 
     shapes: ClassVar[dict[str, tuple]] = {"vertices": ("n", 2)}
 
@@ -199,7 +233,9 @@ class Polygon(Hole):
         fraction = jnp.clip(jnp.sum(d * side, axis=1) / jnp.sum(side**2, axis=1), 0.0, 1.0)
         distance = jnp.min(jnp.linalg.norm(d - fraction[:, None] * side, axis=1))
         # even-odd rule: sides that cross the ray from x to the right
-        above = v[:, 1] > x[1]  # one comparison for both sides that meet in a vertex: differences would be rounded for each by itself
+        # one comparison for both sides that meet in a vertex: differences would be rounded for each
+        # by itself
+        above = v[:, 1] > x[1]
         crosses = above != jnp.roll(above, -1)
         right = d[:, 0] < d[:, 1] * side[:, 0] / jnp.where(crosses, side[:, 1], 1.0)
         return jnp.where(jnp.sum(crosses & right) % 2 == 1, -distance, distance)
@@ -209,7 +245,10 @@ class Polygon(Hole):
         return jnp.sum(x * jnp.roll(y, -1) - y * jnp.roll(x, -1)) / 2
 
 
-KINDS: Mapping[str, type[Hole]] = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Rectangle, Superellipse, Fourier, Polygon)}
+KINDS: Mapping[str, type[Hole]] = {
+    kind.__name__.lower(): kind
+    for kind in (Circle, Ellipse, Rectangle, Superellipse, Fourier, Polygon)
+}
 """Name of each kind of hole, as written in a case file, and its class."""
 
 

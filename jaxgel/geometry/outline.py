@@ -1,7 +1,8 @@
-"""Pieces of hole outlines that lie inside the plate, points along them, and which points lie in holes.
+"""Pieces of outlines inside the plate, points along them, and points in holes.
 
-Lengths in mm; the plate is centred at the origin. ``arc_points`` and what it calls are pure functions of the hole
-parameters. ``arcs``, ``equal_arc_length`` and ``inside_holes`` work on the host and need concrete parameters.
+Lengths in mm; the plate is centred at the origin. ``arc_points`` and what it calls are pure
+functions of the hole parameters. ``arcs``, ``equal_arc_length`` and ``inside_holes`` work on the
+host and need concrete parameters.
 """
 
 import dataclasses
@@ -23,7 +24,8 @@ from .hole import Hole, outline_points
 from .plate import Plate, edge_lines
 
 OUTLINE_SAMPLES = 2048  # points per outline among which arcs are searched
-PANELS, POINTS = 256, 16  # of the quadrature of a smooth stretch's arc length: panels, and Gauss points of each
+# of the quadrature of a smooth stretch's arc length: panels, and Gauss points of each
+PANELS, POINTS = 256, 16
 NEWTON_STEPS = 8  # for the t at which a moved outline meets the plate's edge
 
 
@@ -36,7 +38,10 @@ class Arc:
     start: float
     """t of the first end, in [0, 1)."""
     end: float
-    """t of the second end, above ``start``; ``start`` + 1 for a whole hole, which starts at t = 0."""
+    """t of the second end, above ``start``.
+
+    ``start`` + 1 for a whole hole, which starts at t = 0.
+    """
     start_edge: str | None = None
     """Edge of the plate on which the first end lies; None for a whole hole."""
     end_edge: str | None = None
@@ -51,20 +56,24 @@ class Arc:
 def arcs(plate: Plate) -> list[Arc]:
     """All pieces of hole outlines inside the plate, hole by hole and anticlockwise along each.
 
-    A hole inside the plate, also one that touches the edge in a point, gives one closed arc; a hole cut by the edge gives open arcs
-    whose ends are on the edge to round-off.
+    A hole inside the plate, also one that touches the edge in a point, gives one closed arc; a hole
+    cut by the edge gives open arcs whose ends are on the edge to round-off.
     """
     return [arc for k, hole in enumerate(plate.holes) for arc in _arcs_of_hole(plate, k, hole)]
 
 
 def arc_parameter(plate: Plate, arc: Arc, s: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
-    """Outline parameter t () at the share ``s`` () in [0, 1] of the arc, on a plate whose holes may have moved.
+    """Outline parameter t () at the share ``s`` () in [0, 1] of the arc, also of moved holes.
 
-    The ends of an open arc stay on their edge: they solve 'normal coordinate of ``point(t)`` = the edge's' by Newton's method
-    from the ends on the reference plate, so all derivatives pass through them.
+    The ends of an open arc stay on their edge: they solve 'normal coordinate of ``point(t)`` = the
+    edge's' by Newton's method from the ends on the reference plate, so all derivatives pass through
+    them.
     """
     hole, ends = plate.holes[arc.hole], ((arc.start, arc.start_edge), (arc.end, arc.end_edge))
-    met = [t if edge is None else _meet(hole, np.asarray(t, dtype=float), *edge_lines(plate)[edge]) for t, edge in ends]
+    met = [
+        t if edge is None else _meet(hole, np.asarray(t, dtype=float), *edge_lines(plate)[edge])
+        for t, edge in ends
+    ]
     start, end = met if is_traced(met) else np.array(met)
     return start + s * (end - start)
 
@@ -77,27 +86,37 @@ def arc_points(plate: Plate, arc: Arc, s: Float[Array, " m"] | list[float]) -> F
 def equal_arc_length(plate: Plate, arc: Arc, n_intervals: int) -> Float[np.ndarray, " m"]:
     """Shares s along the arc that cut it into pieces of equal length, corners being cuts.
 
-    (n_intervals + 1,) with both ends for an open arc, (n_intervals,) from t = 0 on for a whole hole. Between corners the
-    number of pieces goes with the length (largest remainder, at least one). Exact to 1e-10 of the arc for smooth outlines.
-    Raises ValueError if there are fewer intervals than stretches between corners.
+    (n_intervals + 1,) with both ends for an open arc, (n_intervals,) from t = 0 on for a whole
+    hole. Between corners the number of pieces goes with the length (largest remainder, at least
+    one). Exact to 1e-10 of the arc for smooth outlines. Raises ValueError if there are fewer
+    intervals than stretches between corners.
     """
     hole = plate.holes[arc.hole]
     stops = np.array([arc.start, *corners_between(hole, arc.start, arc.end), arc.end])
     tables = [_length_table(hole, a, b) for a, b in itertools.pairwise(stops)]
     shares = _largest_remainder(np.array([lengths[-1] for _, lengths in tables]), n_intervals, arc)
-    t = np.concatenate([_cuts(hole, *table, n) for table, n in zip(tables, shares, strict=True)] + [[arc.end]])
+    t = np.concatenate(
+        [_cuts(hole, *table, n) for table, n in zip(tables, shares, strict=True)] + [[arc.end]]
+    )
     s = (t - arc.start) / (arc.end - arc.start)
     s[-1] = 1.0
     return s[:-1] if arc.closed else s
 
 
 def corners_between(hole: Hole, start: float, end: float) -> list[float]:
-    """The t of the corners of an outline between ``start`` and ``end``, which may be above 1, ascending."""
-    return sorted({c + turn for c in hole.corners for turn in (0, 1) if start + 1e-9 < c + turn < end - 1e-9})
+    """Ascending t of an outline's corners between ``start`` and ``end``, which may exceed 1."""
+    return sorted(
+        {c + turn for c in hole.corners for turn in (0, 1) if start + 1e-9 < c + turn < end - 1e-9}
+    )
 
 
-def inside_holes(plate: Plate, points: Float[Array, "p 2"] | list[Any], tolerance: float = 0.0) -> Bool[np.ndarray, " p"]:
-    """Boolean (p,): whether each of ``points`` (p, 2) lies in a hole, on its outline, or within ``tolerance`` mm of it."""
+def inside_holes(
+    plate: Plate, points: Float[Array, "p 2"] | list[Any], tolerance: float = 0.0
+) -> Bool[np.ndarray, " p"]:
+    """Whether (p,) each of ``points`` (p, 2) lies in a hole, or within ``tolerance`` mm of it.
+
+    A point on its outline counts as inside.
+    """
     points, inside = np.asarray(points, dtype=float), np.zeros(len(points), dtype=bool)
     for hole in plate.holes:
         inside |= at_numbers(_excess, hole, points) <= tolerance
@@ -117,7 +136,9 @@ def _meet(hole, t, axis, coordinate):
 
 @compiled()
 def _speeds(hole, t):
-    return jnp.linalg.norm(jax.vmap(lambda t: jax.jvp(hole.point, (t,), (jnp.ones_like(t),))[1])(t), axis=-1)
+    return jnp.linalg.norm(
+        jax.vmap(lambda t: jax.jvp(hole.point, (t,), (jnp.ones_like(t),))[1])(t), axis=-1
+    )
 
 
 @compiled()
@@ -127,7 +148,9 @@ def _excess(hole, points):
 
 def outward(plate: Plate, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 4"]:
     """Distances (p, 4) of points outside the lines of ``EDGES``, mm; negative inside."""
-    return np.stack([np.sign(c) * points[:, axis] - abs(c) for axis, c in edge_lines(plate).values()], axis=1)
+    return np.stack(
+        [np.sign(c) * points[:, axis] - abs(c) for axis, c in edge_lines(plate).values()], axis=1
+    )
 
 
 def _arcs_of_hole(plate, k, hole):
@@ -151,36 +174,52 @@ def _arcs_of_hole(plate, k, hole):
 
 
 def _outline_samples(hole, outward):
-    """Increasing t in [0, 1) on both sides of every crossing: even samples, corners, and near-edge extrema between samples."""
+    """Increasing t in [0, 1) around every crossing: samples, corners, and near-edge extrema."""
     even = np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES
     t = np.union1d(even, hole.corners)
     d = outward(t)
     before, after = np.roll(d, 1), np.roll(d, -1)
-    near = np.abs(d) < np.maximum(np.abs(after - d), np.abs(before - d))  # the extremum between samples may have the other sign
+    # the extremum between samples may have the other sign
+    near = np.abs(d) < np.maximum(np.abs(after - d), np.abs(before - d))
     sign = np.sign(d)
     nearest = near & (sign * d <= sign * before) & (sign * d <= sign * after)
     extra = []
     for i in np.flatnonzero(nearest):
         bounds = (t[i] - 1 / OUTLINE_SAMPLES, t[i] + 1 / OUTLINE_SAMPLES)
-        best = minimize_scalar(lambda u, i=i: sign[i] * outward(u)[0], bounds=bounds, method="bounded", options={"xatol": 1e-12})
+        best = minimize_scalar(
+            lambda u, i=i: sign[i] * outward(u)[0],
+            bounds=bounds,
+            method="bounded",
+            options={"xatol": 1e-12},
+        )
         extra.append(best.x % 1.0)
     return np.union1d(t, extra)
 
 
 def _crossing(outward, inside, outside):
-    """(t, edge) of the first edge met on the way from the t ``inside`` the plate to the neighbouring sample ``outside``."""
+    """(t, edge) of the first edge between the t ``inside`` and the next sample ``outside``.
+
+    The t are inside and outside of the plate.
+    """
     outside += round(inside - outside)  # neighbours, so at most one turn apart
     found = []
     for column, edge in enumerate(EDGES):
         ends = [outward(t)[0, column] for t in (inside, outside)]
         if ends[1] > 0:
-            t = inside if ends[0] >= 0 else brentq(lambda t, c=column: outward(t)[0, c], inside, outside, xtol=1e-15)
+            t = (
+                inside
+                if ends[0] >= 0
+                else brentq(lambda t, c=column: outward(t)[0, c], inside, outside, xtol=1e-15)
+            )
             found.append((abs(t - inside), t, edge))
     return min(found)[1:]
 
 
 def _length_table(hole, start, end):
-    """Ends (p,) of the panels of the smooth stretch from t = ``start`` to ``end`` and the arc length (p,) up to them, mm."""
+    """Panel ends (p,) of a smooth stretch from ``start`` to ``end``, and arc length (p,), mm.
+
+    Both are t; the arc length is that up to the ends.
+    """
     t = np.linspace(start, end, PANELS + 1)
     x, w = leggauss(POINTS)
     at = t[:-1, None] + (x + 1) / 2 * np.diff(t)[:, None]
@@ -189,7 +228,10 @@ def _length_table(hole, start, end):
 
 
 def _cuts(hole, t, lengths, n):
-    """The t (n,) that cut a stretch, given by its length table, into n pieces of equal length; without its end."""
+    """The t (n,) that cut a stretch, given by its length table, into n pieces of equal length.
+
+    Without its end.
+    """
     target = lengths[-1] * np.arange(n) / n
     panel = np.clip(np.searchsorted(lengths, target, side="right") - 1, 0, len(t) - 2)
     left, right = t[panel], t[panel + 1]
@@ -206,7 +248,10 @@ def _cuts(hole, t, lengths, n):
 def _largest_remainder(lengths, n, arc):
     """Shares (len(lengths),) of n intervals in proportion to the lengths, at least one each."""
     if n < len(lengths):
-        raise ValueError(f"n_intervals: {n} on an arc of holes[{arc.hole}] with {len(lengths)} sides; give at least one per side")
+        raise ValueError(
+            f"n_intervals: {n} on an arc of holes[{arc.hole}] with {len(lengths)} sides; give at "
+            "least one per side"
+        )
     free = n - len(lengths)
     wish = np.maximum(n * lengths / lengths.sum() - 1, 0)
     wish *= free / max(wish.sum(), 1e-300)

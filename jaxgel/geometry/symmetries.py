@@ -20,10 +20,22 @@ _NORMALS = dict(zip(EDGES, ((-1, 0), (1, 0), (0, -1), (0, 1)), strict=True))
 
 
 def keeps_edges(plate: Plate, matrix: Float[np.ndarray, "2 2"]) -> bool:
-    """Whether the plate moved by a ``matrix`` (2, 2) of `SYMMETRIES` has the same sides, conditions, displacements and deformation."""
-    size, moves, names = np.array([plate.width, plate.height]), plate.displacement, {normal: edge for edge, normal in _NORMALS.items()}
-    image = {edge: names[tuple(int(c) for c in np.array(matrix) @ normal)] for edge, normal in _NORMALS.items()}
-    free = np.array([[int((min(i, j), max(i, j)) in plate.free_strains) for j in range(2)] for i in range(2)])
+    """Whether the plate moved by a ``matrix`` (2, 2) of `SYMMETRIES` has the same conditions.
+
+    The same sides, conditions, displacements and deformation.
+    """
+    size, moves, names = (
+        np.array([plate.width, plate.height]),
+        plate.displacement,
+        {normal: edge for edge, normal in _NORMALS.items()},
+    )
+    image = {
+        edge: names[tuple(int(c) for c in np.array(matrix) @ normal)]
+        for edge, normal in _NORMALS.items()
+    }
+    free = np.array(
+        [[int((min(i, j), max(i, j)) in plate.free_strains) for j in range(2)] for i in range(2)]
+    )
     return bool(
         np.array_equal(np.abs(matrix) @ size, size)
         and all(plate.edges[image[edge]] == condition for edge, condition in plate.edges.items())

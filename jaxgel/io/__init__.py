@@ -1,8 +1,19 @@
-"""Files: a run's folder, netCDF, ParaView, drawings of outlines; the terminal, and the processes that calls run on."""
+"""Files: a run's folder, netCDF, ParaView, drawings of outlines.
+
+The terminal, and the processes that calls run on.
+"""
 
 from .._validation import read_toml
 from .drawings import OUTLINE, DrawingIncomplete, hole_table, read_outlines
-from .files import failure, one_line, open_folder, read_record, write_atomically, write_csv, write_json
+from .files import (
+    failure,
+    one_line,
+    open_folder,
+    read_record,
+    write_atomically,
+    write_csv,
+    write_json,
+)
 from .hole_pictures import IMAGE, hole_tables
 from .masks import MASK, mask_table, mask_values, write_grey, write_mask
 from .netcdf import export

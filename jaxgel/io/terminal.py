@@ -12,10 +12,11 @@ from ..equilibrium import State
 
 
 class Progress:
-    """A bar over the way of the control on the terminal, with its value, Newton iterations and rotation of the last state.
+    """Progress bar of the control with its value, Newton iterations and last rotation.
 
-    ``turns`` are its first value, those at which it turns, and the last, ``done`` the values of the states that there are already. The bar
-    is linear in the ``scale`` of the value, and the value has the format ``digits``.
+    ``turns`` are its first value, those at which it turns, and the last, ``done`` the values of the
+    states that there are already. The bar is linear in the ``scale`` of the value, and the value
+    has the format ``digits``.
     """
 
     def __init__(
@@ -29,9 +30,17 @@ class Progress:
         scale: Callable[[float], float] = float,
         digits: str = ".4f",
     ) -> None:
-        turns, passed = [scale(value) for value in turns], [scale(value) for value in (turns[0], *(done or ()))]
+        turns, passed = (
+            [scale(value) for value in turns],
+            [scale(value) for value in (turns[0], *(done or ()))],
+        )
         self.scale, self.digits = scale, digits
-        self.name, self.unit, self.last, self.way = name, f" {unit}" if unit else "", passed[-1], _length(passed)
+        self.name, self.unit, self.last, self.way = (
+            name,
+            f" {unit}" if unit else "",
+            passed[-1],
+            _length(passed),
+        )
         span = max(_length(turns), 1e-12)
         form = "{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"
         self.bar = tqdm(total=span, bar_format=form, disable=True if quiet else None, leave=False)
@@ -44,13 +53,19 @@ class Progress:
         self.bar.close()
 
     def show(self, state: State, rotation: float | None = None) -> None:
-        """An accepted state, with its rotation in degrees where that is known yet; `Observer(accepted=progress.show)`."""
+        """An accepted state, with its rotation in degrees if that is known yet.
+
+        `Observer(accepted=progress.show)`.
+        """
         value, iterations = state.value, state.newton_iterations
         at = self.scale(value)
         self.way, self.last = self.way + abs(at - self.last), at
         self.bar.n = min(self.way, self.bar.total)
         turned = "" if rotation is None else f", rotation {rotation:.2f} deg"
-        self.bar.set_postfix_str(f"{self.name} {value:{self.digits}}{self.unit}, {iterations} Newton iterations{turned}", refresh=True)
+        self.bar.set_postfix_str(
+            f"{self.name} {value:{self.digits}}{self.unit}, {iterations} Newton iterations{turned}",
+            refresh=True,
+        )
 
 
 def _length(values):
@@ -60,7 +75,10 @@ def _length(values):
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[Callable[[], None]]:
-    """A function that raises KeyboardInterrupt once Ctrl-C was pressed: the exception itself is lost where it meets a destructor."""
+    """A function that raises KeyboardInterrupt after Ctrl-C.
+
+    The exception itself is lost if it meets a destructor.
+    """
     pressed = []
 
     def note(number, frame):
@@ -71,7 +89,8 @@ def interruptible() -> Iterator[Callable[[], None]]:
         if pressed:
             raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():  # only the main thread hears signals
+    # only the main thread hears signals
+    if threading.current_thread() is not threading.main_thread():
         yield stop_if_asked
         return
     before = signal.signal(signal.SIGINT, note)

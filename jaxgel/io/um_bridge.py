@@ -1,8 +1,10 @@
-"""A server of UM-Bridge 1.0: values and derivatives of a function for programs that draw samples or search.
+"""A UM-Bridge 1.0 server: values and derivatives of a function for samplers and optimisers.
 
-The protocol is JSON over HTTP, see https://um-bridge-benchmarks.readthedocs.io. The function has one input vector and one output
-vector, as the clients for PyMC and emcee in the package umbridge require. An error is answered as {"error": {"type", "message"}}, and
-the server goes on: InvalidInput for what the caller can mend, ModelError for a value that does not exist, InternalError for a fault.
+The protocol is JSON over HTTP, see https://um-bridge-benchmarks.readthedocs.io. The function has
+one input vector and one output vector, as the clients for PyMC and emcee in the package umbridge
+require. An error is answered as {"error": {"type", "message"}}, and the server goes on:
+InvalidInput for what the caller can mend, ModelError for a value that does not exist, InternalError
+for a fault.
 """
 
 import dataclasses
@@ -41,14 +43,16 @@ class ServedFunction:
     outputs: Sequence[str]
     """Names (r) of its values."""
     values: Callable[[tuple[float, ...]], Float[np.ndarray, " r"]]
-    """The values; ValueError for a vector that is not accepted, ArithmeticError if they do not exist."""
+    """The values; ValueError for a wrong vector, ArithmeticError if they do not exist."""
     jacobian: Callable[[tuple[float, ...]], Float[np.ndarray, "r d"]]
     """Their derivatives; errors as of ``values``. A row that is nan does not exist."""
 
     def answer(self, call: str, request: dict) -> dict:
         """What a ``call`` of the protocol, such as "Evaluate", is answered."""
         if request.get("name") != self.name:
-            raise UnusableRequest(f"name: {request.get('name')!r} is unknown; accepted: {self.name}", "ModelNotFound")
+            raise UnusableRequest(
+                f"name: {request.get('name')!r} is unknown; accepted: {self.name}", "ModelNotFound"
+            )
         if request.get("config"):
             raise UnusableRequest(f"config: {request['config']!r} is not accepted; leave it empty")
         plain = {
@@ -59,31 +63,47 @@ class ServedFunction:
         if call in plain:
             return plain[call]
         if not SUPPORTED.get(call):
-            known = ", ".join([*plain, *(name for name, supported in SUPPORTED.items() if supported)])
-            raise UnusableRequest(f"{call}: is not supported; accepted: {known}", "UnsupportedFeature")
+            known = ", ".join(
+                [*plain, *(name for name, supported in SUPPORTED.items() if supported)]
+            )
+            raise UnusableRequest(
+                f"{call}: is not supported; accepted: {known}", "UnsupportedFeature"
+            )
         inputs = request.get("input")
         if not isinstance(inputs, list) or len(inputs) != 1:
-            raise UnusableRequest(f"input: {inputs!r} is not a list of one vector of {self.inputs} numbers")
+            raise UnusableRequest(
+                f"input: {inputs!r} is not a list of one vector of {self.inputs} numbers"
+            )
         vector = _vector("input[0]", inputs[0], self.inputs)
         if call == "Evaluate":
             return {"output": [self.values(vector).tolist()]}
         for key in ("outWrt", "inWrt"):
             if request.get(key) != 0:
-                raise UnusableRequest(f"{key}: {request.get(key)!r} is not accepted; 0 is the only vector")
+                raise UnusableRequest(
+                    f"{key}: {request.get(key)!r} is not accepted; 0 is the only vector"
+                )
         key, size = ("sens", len(self.outputs)) if call == "Gradient" else ("vec", self.inputs)
         direction = np.array(_vector(key, request.get(key), size))
         jacobian = self.jacobian(vector)
         used = direction != 0 if call == "Gradient" else np.full(len(self.outputs), True)
         if not np.all(np.isfinite(jacobian[used])):
-            missing = [self.outputs[k] for k in np.flatnonzero(used & ~np.all(np.isfinite(jacobian), axis=1))]
+            missing = [
+                self.outputs[k]
+                for k in np.flatnonzero(used & ~np.all(np.isfinite(jacobian), axis=1))
+            ]
             raise ArithmeticError(f"{', '.join(missing)}: no derivative at input = {list(vector)}")
-        return {"output": (direction[used] @ jacobian[used] if call == "Gradient" else jacobian @ direction).tolist()}
+        return {
+            "output": (
+                direction[used] @ jacobian[used] if call == "Gradient" else jacobian @ direction
+            ).tolist()
+        }
 
 
 def um_bridge_server(function: ServedFunction, host: str, port: int) -> ThreadingHTTPServer:
-    """A server of a function on a ``host`` name and ``port``, to be started by ``serve_forever``; it computes one answer at a time.
+    """A server of a function on a ``host`` name and ``port``, to be started by ``serve_forever``.
 
-    ValueError for a host or port that cannot be used; port 0 is any that is free, ``server_port`` then.
+    It computes one answer at a time. ValueError for a host or port that cannot be used; port 0 is
+    any that is free, ``server_port`` then.
     """
     lock = threading.Lock()
 
@@ -95,7 +115,10 @@ def um_bridge_server(function: ServedFunction, host: str, port: int) -> Threadin
             if self.path.strip("/") == "Info":
                 self._send(200, {"protocolVersion": PROTOCOL, "models": [function.name]})
             else:
-                self._send(404, _error("UnsupportedFeature", f"{self.path}: is not supported; accepted: /Info"))
+                self._send(
+                    404,
+                    _error("UnsupportedFeature", f"{self.path}: is not supported; accepted: /Info"),
+                )
 
         def do_POST(self) -> None:
             """Every other call."""
@@ -136,7 +159,9 @@ def um_bridge_server(function: ServedFunction, host: str, port: int) -> Threadin
         return Server((host, port), Handler)
     except (OSError, OverflowError) as problem:
         reason = getattr(problem, "strerror", None) or problem
-        raise ValueError(f"port: {port} of {host!r} cannot be used: {reason}; choose another --port or --host") from None
+        raise ValueError(
+            f"port: {port} of {host!r} cannot be used: {reason}; choose another --port or --host"
+        ) from None
 
 
 def _error(kind, text):
@@ -146,7 +171,10 @@ def _error(kind, text):
 def _read(stream, length):
     """The JSON object of a request's body."""
     if length is None or not length.isdecimal() or int(length) > MAX_BYTES:
-        raise UnusableRequest(f"request: the length {length!r} is not accepted; give at most {MAX_BYTES} bytes of JSON")
+        raise UnusableRequest(
+            f"request: the length {length!r} is not accepted; give at most {MAX_BYTES} bytes of "
+            "JSON"
+        )
     try:
         request = json.loads(stream.read(int(length)))
     except (ValueError, RecursionError) as problem:
@@ -158,7 +186,11 @@ def _read(stream, length):
 
 def _vector(where, value, size):
     """A list of ``size`` finite numbers as a tuple."""
-    numbers = value if isinstance(value, list) and all(type(x) in (int, float) for x in value) else [np.nan]
+    numbers = (
+        value
+        if isinstance(value, list) and all(type(x) in (int, float) for x in value)
+        else [np.nan]
+    )
     try:
         vector = tuple(map(float, numbers))
     except OverflowError:

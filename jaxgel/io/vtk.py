@@ -1,12 +1,15 @@
-"""ParaView files of a path: the deformed gel of every state with its fields, on the triangles of the integration cells."""
+"""ParaView files of a path: the deformed gel of every state with fields, on triangles.
+
+These are those of the integration cells.
+"""
 
 from pathlib import Path as File
 from typing import Any
 
 import jax
 import numpy as np
-from pyevtk.hl import unstructuredGridToVTK
-from pyevtk.vtk import VtkGroup, VtkTriangle
+from pyevtk.hl import pointsToVTK, unstructuredGridToVTK
+from pyevtk.vtk import VtkGroup, VtkPolygon, VtkPolyLine, VtkTriangle
 
 from .._compiled import compiled
 from .._types import Array, Float, Int
@@ -15,9 +18,11 @@ from ..discretisation import make_probe
 from ..observables import (
     SELF_CONTACT,
     cauchy_stress,
+    contact_pressure,
     field_values,
     history,
     is_in_time,
+    obstacle_displacement,
     parameter_values,
     solvent_flux,
     solvent_potential,
@@ -27,26 +32,40 @@ from .files import open_folder
 
 
 def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None = None) -> None:
-    """``series.pvd`` and ``vtu/state-*.vtu`` for ParaView: the deformed gel of every state, with the control as time.
+    """``series.pvd`` and ``vtu/state-*.vtu`` for ParaView, with the control as time.
 
-    The times of transient swelling are its own. Others must increase: where the control falls or turns it is the number of the state. The
-    value is also a constant field on the cells.
+    The deformed gel of every state. The times of transient swelling are its own. Others must
+    increase: if the control falls or turns it is the number of the state. The value is also a
+    constant field on the cells.
 
-    Points carry the displacement (mm), the components ``cauchy_stress_xx``, ``_yy``, ``_xy`` (kT/v; the nodes' own, interpolated), and
-    ``principal_stretch_1`` >= ``principal_stretch_2``, against the dry gel. Cells (triangles) carry the volume ratio J and ``invalid`` = 1
-    after self-contact; parameters of the gel that vary, by their names; and the ``thickness_stretch`` of a film and in
-    generalised plane strain. In transient swelling they also carry ``mu``, the chemical potential of the solvent (kT), and its ``flux``
-    through the deformed area (mm per unit of time), see `observables.solvent_flux`. ``table`` saves computing `history` again.
+    Points carry the displacement (mm), the components ``cauchy_stress_xx``, ``_yy``, ``_xy`` (kT/v;
+    the nodes' own, interpolated), and ``principal_stretch_1`` >= ``principal_stretch_2``, against
+    the dry gel. Cells (triangles) carry the volume ratio J and ``invalid`` = 1 after self-contact;
+    parameters of the gel that vary, by their names; and the ``thickness_stretch`` of a film and in
+    generalised plane strain. In transient swelling they also carry ``mu``, the chemical potential
+    of the solvent (kT), and its ``flux`` through the deformed area (mm per unit of time), see
+    `observables.solvent_flux`. Plates with obstacles have ``obstacles.pvd``, one cell each, and
+    ``contact.pvd``, the points of the surfaces with the ``contact_pressure`` (kT/v). ``table``
+    saves computing `history` again.
     """
     cloud = path.model.cloud
     used, triangles = np.unique(np.asarray(cloud.triangles), return_inverse=True)
     fields, J = point_fields(path, used), np.asarray(field_values(path, "J"))
     cells = np.asarray(cloud.cell_of_triangle)
-    dry_fields = {name: np.ascontiguousarray(np.asarray(values)[cells]) for name, values in parameter_values(path).items()}
+    dry_fields = {
+        name: np.ascontiguousarray(np.asarray(values)[cells])
+        for name, values in parameter_values(path).items()
+    }
     solvent = _solvent_fields(path, cells) if is_in_time(path) else {}
-    thickness = None if cloud.plate.kinematics == "plane strain" else np.asarray(thickness_stretch(path))[:, cells]
+    thickness = (
+        None
+        if cloud.plate.kinematics == "plane strain"
+        else np.asarray(thickness_stretch(path))[:, cells]
+    )
     dry, deformed = np.asarray(cloud.vertices)[used], fields.pop("position")
-    invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]
+    invalid = [
+        text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]
+    ]
     folder = open_folder(folder)
     (folder / "vtu").mkdir(exist_ok=True)
     connectivity = triangles.astype(np.int32).ravel()
@@ -64,14 +83,74 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
             connectivity=connectivity,
             offsets=offsets,
             cell_types=kinds,
-            pointData={"displacement": (*np.ascontiguousarray((deformed[k] - dry).T), zero)} | {n: v[k].copy() for n, v in fields.items()},
-            cellData={"J": np.ascontiguousarray(J[k]), "invalid": np.full(len(offsets), invalid[k], dtype=np.int32)}
+            pointData={"displacement": (*np.ascontiguousarray((deformed[k] - dry).T), zero)}
+            | {n: v[k].copy() for n, v in fields.items()},
+            cellData={
+                "J": np.ascontiguousarray(J[k]),
+                "invalid": np.full(len(offsets), invalid[k], dtype=np.int32),
+            }
             | {name: np.full(len(offsets), values[k])}
             | dry_fields
             | {name: _components(part[k]) for name, part in solvent.items()}
-            | ({} if thickness is None else {"thickness_stretch": np.ascontiguousarray(thickness[k])}),
+            | (
+                {}
+                if thickness is None
+                else {"thickness_stretch": np.ascontiguousarray(thickness[k])}
+            ),
         )
         group.addFile(file, sim_time=float(time))
+    group.save()
+    if cloud.plate.obstacles:
+        _write_contact(path, folder, times)
+        _write_obstacles(
+            path,
+            folder,
+            times,
+            3 * max(np.abs(deformed).max(), cloud.plate.width, cloud.plate.height),
+        )
+
+
+def _write_obstacles(path: Path, folder: File, times: Float[np.ndarray, " k"], size: float) -> None:
+    """The obstacles of every state; half-planes up to a ``size``, mm."""
+    shapes = [obstacle.drawn(size) for obstacle in path.model.cloud.plate.obstacles]
+    counts = [len(points) for points, _ in shapes]
+    group, at_rest = (
+        VtkGroup(str(folder / "obstacles")),
+        np.concatenate([points for points, _ in shapes]),
+    )
+    for k, (time, moved) in enumerate(zip(times, obstacle_displacement(path), strict=True)):
+        file = unstructuredGridToVTK(
+            str(folder / "vtu" / f"obstacles-{k:04d}"),
+            *np.ascontiguousarray((at_rest + np.repeat(moved, counts, axis=0)).T),
+            np.zeros(len(at_rest)),
+            connectivity=np.arange(len(at_rest), dtype=np.int32),
+            offsets=np.cumsum(counts).astype(np.int32),
+            cell_types=np.array(
+                [VtkPolygon.tid if encloses else VtkPolyLine.tid for _, encloses in shapes],
+                dtype=np.uint8,
+            ),
+            cellData={"obstacle": np.arange(len(shapes), dtype=np.int32)},
+        )
+        group.addFile(file, sim_time=float(time))
+    group.save()
+
+
+def _write_contact(path: Path, folder: File, times: Float[np.ndarray, " k"]) -> None:
+    """The points of the surfaces in every state, with the pressure of contact."""
+    group = VtkGroup(str(folder / "contact"))
+    for k, time in enumerate(times):
+        points, pressure = map(np.asarray, contact_pressure(path, k))
+        x, y = np.ascontiguousarray(points.T)
+        group.addFile(
+            pointsToVTK(
+                str(folder / "vtu" / f"contact-{k:04d}"),
+                x,
+                y,
+                0 * x,
+                {"contact_pressure": pressure},
+            ),
+            sim_time=float(time),
+        )
     group.save()
 
 
@@ -91,16 +170,35 @@ def _components(values: Float[np.ndarray, "t ..."]) -> Any:
 
 
 def point_fields(path: Path, used: Int[np.ndarray, " u"]) -> dict[str, np.ndarray]:
-    """Name -> values (k, u), or (k, u, 2) of ``position``, at the vertices numbered ``used`` (u,) of a path's cloud."""
+    """Name -> values (k, u) or ``position`` (k, u, 2) at the vertices ``used`` (u,).
+
+    They are those of a path's cloud.
+    """
     cloud = path.model.cloud
     probe = make_probe(path.model, cloud.vertices[used], cloud.topology.partition.vertices[used])
     position, F, stress = map(np.asarray, _at_points(probe, path.x, cauchy_stress(path)))
     stretches = np.linalg.svd(np.asarray(F), compute_uv=False)
-    fields = {"position": position} | {f"cauchy_stress_{name}": stress[..., i] for i, name in enumerate(("xx", "yy", "xy"))}
-    return {name: np.asarray(v) for name, v in fields.items()} | {f"principal_stretch_{i + 1}": stretches[..., i] for i in range(2)}
+    fields = {"position": position} | {
+        f"cauchy_stress_{name}": stress[..., i] for i, name in enumerate(("xx", "yy", "xy"))
+    }
+    return {name: np.asarray(v) for name, v in fields.items()} | {
+        f"principal_stretch_{i + 1}": stretches[..., i] for i in range(2)
+    }
 
 
 @compiled()
-def _at_points(probe: Any, x: Float[Array, "k n 2"], stress: Float[Array, "k n 3"]) -> tuple[Array, Array, Array]:
-    """Positions (k, u, 2), deformation gradients (k, u, 2, 2) and stresses (k, u, 3) at a probe's points."""
-    return tuple(jax.vmap(part)(field) for part, field in ((probe.position, x), (probe.deformation_gradient, x), (probe.position, stress)))
+def _at_points(
+    probe: Any, x: Float[Array, "k n 2"], stress: Float[Array, "k n 3"]
+) -> tuple[Array, Array, Array]:
+    """Positions (k, u, 2), deformation gradients and stresses (k, u, 3) at a probe's points.
+
+    The gradients are (k, u, 2, 2).
+    """
+    return tuple(
+        jax.vmap(part)(field)
+        for part, field in (
+            (probe.position, x),
+            (probe.deformation_gradient, x),
+            (probe.position, stress),
+        )
+    )

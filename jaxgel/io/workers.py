@@ -1,4 +1,7 @@
-"""Where calls run: processes of this machine, or a Dask cluster, behind one interface, that of ``concurrent.futures.Executor``."""
+"""Executors of calls: processes of this machine or a Dask cluster, by one interface.
+
+That of ``concurrent.futures.Executor``.
+"""
 
 import collections
 import concurrent.futures
@@ -16,6 +19,7 @@ import jax
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
+from .._deprecated import old_arguments
 from .files import one_line
 from .terminal import interruptible
 
@@ -34,11 +38,12 @@ def run_calls(
     unit: str,
     quiet: bool = True,
 ) -> dict[int, dict[str, Any]]:
-    """Number -> result of ``function`` at each of the ``calls`` (number -> arguments) on an executor, with a bar that counts in ``unit``.
+    """Number -> result of ``function`` at each of ``calls`` on an executor, with a progress bar.
 
-    Those in ``ended`` (number -> result) are not run again; ``write`` is called with all results whenever there are more. A call that ends
-    with an exception was lost by the executor: it is submitted again, and after ``TRIES`` times its result is ``lost(reason)``. Ctrl-C
-    (KeyboardInterrupt) ends the calls under way.
+    Calls are number -> arguments; the bar counts in ``unit``. Those in ``ended`` (number -> result)
+    are not run again; ``write`` is called with all results whenever there are more. A call that
+    ends with an exception was lost by the executor: it is submitted again, and after ``TRIES``
+    times its result is ``lost(reason)``. Ctrl-C (KeyboardInterrupt) ends the calls under way.
     """
     results, tries, under_way = dict(ended), collections.Counter(), {}
     waiting = collections.deque(k for k in calls if k not in ended)
@@ -61,7 +66,10 @@ def run_calls(
             else:
                 results[k] = lost(f"its process was lost {TRIES} times: {one_line(problem)}")
 
-    with tqdm(total=len(calls), unit=unit, disable=True if quiet else None, leave=False) as bar, interruptible() as stop_if_asked:
+    with (
+        tqdm(total=len(calls), unit=unit, disable=True if quiet else None, leave=False) as bar,
+        interruptible() as stop_if_asked,
+    ):
 
         def show():
             write(results)
@@ -71,7 +79,13 @@ def run_calls(
         show()
         try:
             while waiting or under_way:
-                done = submit() if waiting else concurrent.futures.wait(under_way, return_when=concurrent.futures.FIRST_COMPLETED).done
+                done = (
+                    submit()
+                    if waiting
+                    else concurrent.futures.wait(
+                        under_way, return_when=concurrent.futures.FIRST_COMPLETED
+                    ).done
+                )
                 for future in done:
                     keep(future)
                 stop_if_asked()
@@ -97,18 +111,27 @@ class InThisProcess(concurrent.futures.Executor):
 
 
 class Workers(concurrent.futures.Executor):
-    """So many processes of this machine, one BLAS thread each; one that is killed loses the call it was at, and no other.
+    """So many processes of this machine, one BLAS thread each.
 
-    That call ends with ``BrokenExecutor``; the next one finds a new process. Each process has a pool of its own, since a
-    ``concurrent.futures.ProcessPoolExecutor`` of several loses all calls with one process. Processes are spawned, not forked, which JAX
-    does not survive. They ignore Ctrl-C and end with this process, whatever ends it.
+    One that is killed loses the call it was at, and no other. That call ends with
+    ``BrokenExecutor``; the next one finds a new process. Each process has a pool of its own, since
+    a ``concurrent.futures.ProcessPoolExecutor`` of several loses all calls with one process.
+    Processes are spawned, not forked, which JAX does not survive. They ignore Ctrl-C and end with
+    this process, whatever ends it.
     """
 
-    def __init__(self, number: int, start: Callable[[], object] | None = None, calls_each: int | None = None) -> None:
-        """``start``, a function that a new process can import, is called first in each; after ``calls_each`` calls a new one follows."""
+    @old_arguments
+    def __init__(
+        self, number: int, start: Callable[[], object] | None = None, calls_each: int | None = None
+    ) -> None:
+        """``start``, a function that a new process can import, is called first in each.
+
+        After ``calls_each`` calls a new one follows.
+        """
         self._start, self._calls_each, self._idle = start, calls_each, queue.SimpleQueue()
         self._threads = concurrent.futures.ThreadPoolExecutor(number)
-        self._theirs, self._ours = multiprocessing.Pipe(duplex=False)  # processes end when our end is closed
+        # processes end when our end is closed
+        self._theirs, self._ours = multiprocessing.Pipe(duplex=False)
 
     def submit(self, function: Callable, /, *args: Any) -> concurrent.futures.Future:
         """Future of ``function(*args)``, a function that a new process can import."""
@@ -119,7 +142,11 @@ class Workers(concurrent.futures.Executor):
             pool = self._idle.get_nowait()
         except queue.Empty:
             pool = concurrent.futures.ProcessPoolExecutor(
-                1, multiprocessing.get_context("spawn"), _start, (self._start, self._theirs), max_tasks_per_child=self._calls_each
+                1,
+                multiprocessing.get_context("spawn"),
+                _start,
+                (self._start, self._theirs),
+                max_tasks_per_child=self._calls_each,
             )
         future = pool.submit(function, *args)
         if isinstance(future.exception(), concurrent.futures.BrokenExecutor):
@@ -139,13 +166,17 @@ class Workers(concurrent.futures.Executor):
 
 
 def _start(start, parent):
-    """What a new process does first: ``start`` if given; one thread for BLAS, deaf to Ctrl-C, not to outlive the end of its ``parent``."""
+    """What a new process does first: ``start`` if given.
+
+    One thread for BLAS, deaf to Ctrl-C, not to outlive the end of its ``parent``.
+    """
     if start is not None:
         start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     threadpool_limits(1)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # if there is a cache, everything: other processes start sooner
+    # if there is a cache, everything: other processes start sooner
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def _end_with(parent):
@@ -156,14 +187,21 @@ def _end_with(parent):
 
 @contextlib.contextmanager
 def dask_executor(address: str) -> Iterator[concurrent.futures.Executor]:
-    """Executor of the Dask cluster whose scheduler has that address, extra ``[distributed]``; ValueError where none answers."""
+    """Executor of the Dask cluster whose scheduler has that address, extra ``[distributed]``.
+
+    ValueError if none answers.
+    """
     try:
         from distributed import Client
     except ImportError:
-        raise ValueError('scheduler: Dask is not installed; pip install "jaxgel[distributed]"') from None
+        raise ValueError(
+            'scheduler: Dask is not installed; pip install "jaxgel[distributed]"'
+        ) from None
     try:
         client = Client(address, timeout=10)
     except (OSError, ValueError) as problem:
-        raise ValueError(f"scheduler: no Dask scheduler answers at {address!r}: {one_line(problem)}") from None
+        raise ValueError(
+            f"scheduler: no Dask scheduler answers at {address!r}: {one_line(problem)}"
+        ) from None
     with client:
         yield client.get_executor(pure=False)

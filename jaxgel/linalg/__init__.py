@@ -1,8 +1,17 @@
 """Sparse symmetric matrices: patterns, multifrontal factors, solutions, eigenvalues."""
 
+from .._deprecated import old_names
 from .blocks import BlockFactor, Diagonal
 from .dissection import dissect
-from .eigen import Factorised, inverse_iteration, lowest_mode, lowest_of_factor, nearest_modes, network_matrix, rayleigh_ritz
+from .eigen import (
+    Factorised,
+    inverse_iteration,
+    lowest_mode,
+    lowest_of_factor,
+    nearest_modes,
+    network_matrix,
+    rayleigh_ritz,
+)
 from .elimination import Elimination, Factors, elimination_of, is_definite
 from .factors import Bordered, Factor, SingularTangent, columnwise, factor
 from .kept_factors import RECENT_FACTORS, FactorCache
@@ -35,3 +44,5 @@ __all__ = [
     "network_matrix",
     "rayleigh_ritz",
 ]
+
+__getattr__ = old_names(__name__)

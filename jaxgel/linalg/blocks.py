@@ -1,4 +1,4 @@
-"""A block diagonal matrix by the factors of its blocks, and a matrix that a change of basis makes one."""
+"""Block diagonal matrices: factors of the blocks, also after a change of basis."""
 
 import dataclasses
 import functools
@@ -10,7 +10,8 @@ import scipy.sparse as sp
 from .._types import Float, Int
 from .factors import Columns, Factor
 
-NEGLIGIBLE = 1e-12  # part of a right-hand side in a block that is round-off: shape functions leave 4e-14
+# part of a right-hand side in a block that is round-off: shape functions leave 4e-14
+NEGLIGIBLE = 1e-12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Diagonal:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """A factorised matrix (f, f) that is block diagonal in another basis, some of its blocks more than once."""
+    """A factorised matrix (f, f), block diagonal in another basis, with repeated blocks."""
 
     fields: tuple[tuple[sp.csr_matrix, ...], ...]
     """For every block, per copy, the basis (f, b) of its coordinates."""

@@ -1,4 +1,4 @@
-"""Nested dissection: the order of elimination and the fronts of a sparse matrix, before there are numbers."""
+"""Nested dissection: elimination order and fronts of a sparse matrix; symbolic analysis."""
 
 import dataclasses
 import functools
@@ -14,23 +14,38 @@ BALANCE = 0.35  # least share of the nodes on either side of a cut
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Front:
-    """What is known of a front before there are numbers; ranks count in the order of elimination."""
+    """What is known of a front before there are numbers.
+
+    Ranks count in the order of elimination.
+    """
 
     first: int
     """Rank of the first pivot."""
     end: int
     """Rank after the last pivot."""
     positive: int
-    """How many pivots, the first ones, are positive in a quasi-definite matrix; all in a positive definite one."""
+    """How many pivots, the first ones, are positive in a quasi-definite matrix.
+
+    All in a positive definite one.
+    """
     below: Int[np.ndarray, " m"]
     """(m,) ranks of the later unknowns that its pivots are coupled to, ascending."""
     corner: tuple
-    """Sources and positions of the matrix entries in the (k, k) pivot block, lower triangle, column by column."""
+    """Sources and positions of entries in the (k, k) pivot block, lower triangle by columns.
+
+    They are matrix entries.
+    """
     side: tuple
-    """Sources and positions of the matrix entries in the (m, k) block below it, column by column."""
+    """Sources and positions of entries in the (m, k) block below, by columns.
+
+    They are matrix entries.
+    """
     children: tuple
-    """For each child its number, how many of its rows below are pivots here, and the slices (of its update, of the block here) of both
-    parts: runs of consecutive rows."""
+    """For each child its number, its rows that are pivots here, and the slices of both parts.
+
+    That is how many of its rows below are pivots; the slices are runs of consecutive rows (of its
+    update, of the block here).
+    """
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,7 +60,10 @@ class Tree:
     @functools.cached_property
     def fill(self) -> int:
         """Numbers of a factor."""
-        return sum((front.end - front.first) * (front.end - front.first + len(front.below)) for front in self.fronts)
+        return sum(
+            (front.end - front.first) * (front.end - front.first + len(front.below))
+            for front in self.fronts
+        )
 
 
 def dissect(
@@ -56,17 +74,20 @@ def dissect(
     last: int = 0,
     late: Bool[np.ndarray, " n"] | None = None,
 ) -> Tree:
-    """``Tree`` for a symmetric matrix given by 2 x 2 blocks of node pairs (p, 2), i <= j, flattened.
+    """``Tree`` of a symmetric matrix of 2 x 2 blocks of node pairs (p, 2), i <= j, flattened.
 
-    ``unknowns`` (n, 2) numbers the two components of each node, -1 for those that are not part of the matrix; ``points`` (n, 2) are
-    positions, which decide where the nodes are divided. Of the ``last`` nodes, which may be coupled to any others, there are few: they are
-    eliminated at the end.
-    In each front the ``late`` nodes, those with the negative pivots of a quasi-definite matrix, come after the others.
+    ``unknowns`` (n, 2) numbers the two components of each node, -1 for those that are not part of
+    the matrix; ``points`` (n, 2) are positions, which decide where the nodes are divided. Of the
+    ``last`` nodes, which may be coupled to any others, there are few: they are eliminated at the
+    end. In each front the ``late`` nodes, those with the negative pivots of a quasi-definite
+    matrix, come after the others.
     """
     n = len(points)
     late = np.zeros(n, dtype=bool) if late is None else late
     near = n - last
-    graph = sp.csr_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    graph = sp.csr_matrix(
+        (np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n)
+    )
     graph = sp.csr_matrix(graph + graph.T)
     parts = []
     _divide(graph[:near][:, :near], np.arange(near), points, parts)
@@ -76,7 +97,8 @@ def dissect(
 
     order = unknowns[np.concatenate([nodes for nodes, _ in parts])].ravel()
     order = order[order >= 0]
-    rank = np.append(np.argsort(order), -1).astype(np.int32)[unknowns]  # (n, 2), -1 where there is no unknown
+    # (n, 2), -1 if there is no unknown
+    rank = np.append(np.argsort(order), -1).astype(np.int32)[unknowns]
     sizes = [int(np.sum(unknowns[nodes] >= 0)) for nodes, _ in parts]
     ends = np.cumsum(sizes)
     ranks = [np.sort(rank[nodes][rank[nodes] >= 0]).astype(np.intp) for nodes in below]
@@ -91,7 +113,10 @@ def dissect(
 
 
 def _divide(graph, nodes, points, parts):
-    """Append the parts (pivot nodes, child parts) of the ``nodes`` (k,), whose ``graph`` (k, k) it is; returns the last one's number."""
+    """Append parts (pivot nodes, child parts) of the ``nodes`` (k,) by the ``graph`` (k, k).
+
+    It is theirs; returns the last one's number.
+    """
     cut = _best_cut(graph, points[nodes]) if len(nodes) > LEAF else None
     if cut is None:
         parts.append((nodes, []))
@@ -104,10 +129,11 @@ def _divide(graph, nodes, points, parts):
 
 
 def _best_cut(graph, points):
-    """The smallest separator of the nodes by a straight cut across either axis: (separator, left, right, axis along it), or None.
+    """Smallest separator by a straight cut: (separator, left, right, axis along it), or None.
 
-    With the nodes numbered in the order of a coordinate, those left of a cut at t that reach across it are a separator, and so are those
-    to its right: their numbers for all t follow from the farthest neighbour of each node.
+    The cut may be across either axis. With the nodes numbered in the order of a coordinate, those
+    left of a cut at t that reach across it are a separator, and so are those to its right: their
+    numbers for all t follow from the farthest neighbour of each node.
     """
     n, found = len(points), []
     for axis in range(2):
@@ -122,7 +148,13 @@ def _best_cut(graph, points):
         for sizes, reach, is_left in ((from_left, last, True), (from_right, first, False)):
             t = cuts[np.argmin(sizes)]
             separator = (place < t) & (reach >= t) if is_left else (place >= t) & (reach < t)
-            found.append((np.flatnonzero(separator), *(np.flatnonzero(side & ~separator) for side in (place < t, place >= t)), 1 - axis))
+            found.append(
+                (
+                    np.flatnonzero(separator),
+                    *(np.flatnonzero(side & ~separator) for side in (place < t, place >= t)),
+                    1 - axis,
+                )
+            )
     separator, left, right, along = min(found, key=lambda cut: len(cut[0]))
     return (separator, left, right, along) if len(left) and len(right) else None
 
@@ -134,14 +166,22 @@ def _coupled(graph, parts):
     below, end = [], 0
     for nodes, children in parts:
         end += len(nodes)
-        reached = np.unique(np.concatenate([graph[nodes].indices, *(below[child] for child in children)]))
+        reached = np.unique(
+            np.concatenate([graph[nodes].indices, *(below[child] for child in children)])
+        )
         below.append(reached[place[reached] >= end])
     return below
 
 
 def _entries(pairs, rank, ends, below):
-    """Per front sources and positions of the matrix entries in its pivot block and in the block below, lower triangle by columns."""
-    row, column = (np.broadcast_to(r, (len(pairs), 2, 2)).ravel() for r in (rank[pairs[:, 0]][:, :, None], rank[pairs[:, 1]][:, None]))
+    """Per front sources and positions of entries in its pivot block and the block below.
+
+    The lower triangle by columns; they are matrix entries.
+    """
+    row, column = (
+        np.broadcast_to(r, (len(pairs), 2, 2)).ravel()
+        for r in (rank[pairs[:, 0]][:, :, None], rank[pairs[:, 1]][:, None])
+    )
     twice = np.repeat(pairs[:, 0] == pairs[:, 1], 4) & (row < column)
     source = np.flatnonzero((row >= 0) & (column >= 0) & ~twice).astype(np.int32)
     low, high = np.minimum(row, column)[source], np.maximum(row, column)[source]
@@ -156,14 +196,26 @@ def _entries(pairs, rank, ends, below):
         corner = low[mine] - first, high[mine] - first
         place = corner[1] + (end - first) * corner[0]
         under = np.searchsorted(below[number], high[mine]) + len(below[number]) * corner[0]
-        result.append(((source[mine][inside], place[inside]), (source[mine][~inside], under[~inside].astype(np.int32))))
+        result.append(
+            (
+                (source[mine][inside], place[inside]),
+                (source[mine][~inside], under[~inside].astype(np.int32)),
+            )
+        )
     return result
 
 
 def _child(number, rows, first, end, below):
-    """A child's number, its rows (b,) that are pivots of the parent, and the runs of both kinds of its rows in the parent's blocks."""
+    """A child's number, its rows (b,) that are pivots of the parent, and the runs of both kinds.
+
+    These are in the parent's blocks.
+    """
     pivots = int(np.searchsorted(rows, end))
-    return number, pivots, (_runs(rows[:pivots] - first), _runs(np.searchsorted(below, rows[pivots:])))
+    return (
+        number,
+        pivots,
+        (_runs(rows[:pivots] - first), _runs(np.searchsorted(below, rows[pivots:]))),
+    )
 
 
 def _runs(positions):

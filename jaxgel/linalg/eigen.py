@@ -1,4 +1,7 @@
-"""Eigenvalues of a factorised tangent against the stiffness of the network: shift-invert Lanczos, Rayleigh-Ritz."""
+"""Eigenvalues of a factorised tangent over the network's stiffness: Lanczos, Rayleigh-Ritz.
+
+Shift-invert Lanczos.
+"""
 
 import numpy as np
 import scipy.linalg
@@ -11,9 +14,9 @@ from .factors import Factor, columnwise
 from .pattern import Pattern
 
 FOLLOWED = 4  # modes that are carried along a sweep, any of which may become the lowest
-SAME = 1e-8  # part of a vector that is left beside the others where they are next to dependent
+SAME = 1e-8  # part of a vector that is left beside the others if they are next to dependent
 FIRST_ITERATIONS = 4  # inverse iterations for modes of which nothing is known
-MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
+MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for if nothing is known
 
 
 Factorised = Factor | Diagonal
@@ -26,19 +29,27 @@ def network_matrix(pattern: Pattern, laplacian: Float[Array, " p"]) -> sp.csr_ma
     return matrix.copy()  # half of the entries were zero, but not given back
 
 
-def lowest_mode(factor: Factorised, stiffness: sp.csr_matrix) -> tuple[float, Float[np.ndarray, " f"]]:
-    """The lowest eigenvalue of the factorised tangent and its mode (f,), by shift-invert Lanczos."""
+def lowest_mode(
+    factor: Factorised, stiffness: sp.csr_matrix
+) -> tuple[float, Float[np.ndarray, " f"]]:
+    """Lowest eigenvalue of the factorised tangent and mode (f,), by shift-invert Lanczos."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)
-    values, modes = nearest_modes(factor, stiffness, max(negative, 1), which="SA" if negative else "LM")
+    values, modes = nearest_modes(
+        factor, stiffness, max(negative, 1), which="SA" if negative else "LM"
+    )
     return values[0], modes[:, 0]
 
 
 def inverse_iteration(
     factor: Factorised, stiffness: sp.csr_matrix, start: Float[np.ndarray, "f m"]
 ) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m"]]:
-    """Ritz vectors (f, m) of the factorised tangent, ascending, after an inverse iteration from ``start`` (f, m), and N times them."""
+    """Ascending Ritz vectors (f, m) of the tangent by inverse iteration of ``start``, and N times.
+
+    The start is (f, m), the tangent factorised.
+    """
     before = columnwise(stiffness.dot, start)
-    vectors, r = np.linalg.qr(factor.apply(before))  # next to a singular tangent all vectors turn into one direction
+    # next to a singular tangent all vectors turn into one direction
+    vectors, r = np.linalg.qr(factor.apply(before))
     weights, sizes = columnwise(stiffness.dot, vectors), np.abs(np.diagonal(r))
     if sizes.min() > SAME * sizes.max():
         images = scipy.linalg.solve_triangular(r, before.T, trans="T", check_finite=False).T
@@ -54,30 +65,38 @@ def _without_symmetry(f, factor=1):
 
 
 def lowest_of_factor(factor: Factorised, stiffness: sp.csr_matrix) -> Float[np.ndarray, "f m"]:
-    """Modes (f, FOLLOWED) of the factorised tangent with the lowest eigenvalues: the negative ones, or those next to zero."""
+    """Modes (f, FOLLOWED) of the lowest eigenvalues: the negative ones, or those next to zero."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)
     if negative == 0:
         vectors = _without_symmetry(stiffness.shape[0], np.arange(1, FOLLOWED + 1))
         for _ in range(FIRST_ITERATIONS):
             vectors = np.linalg.qr(factor.apply(stiffness @ vectors))[0]
         return vectors
-    below = nearest_modes(factor, stiffness, negative, which="SA")[1]  # of 1 / eigenvalue: the negative ones
+    # of 1 / eigenvalue: the negative ones
+    below = nearest_modes(factor, stiffness, negative, which="SA")[1]
     missing = max(FOLLOWED - negative, 0)
     above = [nearest_modes(factor, stiffness, missing, which="LA")[1]] if missing else []
     return np.concatenate([below, *above], axis=1)[:, :FOLLOWED]
 
 
 def nearest_modes(
-    factor: Factorised, stiffness: sp.csr_matrix, count: int, before: Float[np.ndarray, "f m"] | None = None, *, which: str = "LM"
+    factor: Factorised,
+    stiffness: sp.csr_matrix,
+    count: int,
+    before: Float[np.ndarray, "f m"] | None = None,
+    *,
+    which: str = "LM",
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "f m"]]:
-    """The ``count`` eigenvalues nearest zero of the factorised tangent, ascending, and their modes (f, count), by shift-invert Lanczos.
+    """The ``count`` eigenvalues nearest zero, ascending, and modes (f, count), by Lanczos.
 
-    ``which`` "SA" takes the negative ones, "LA" the positive ones. With the modes ``before`` (f, count) of a nearby tangent they keep
-    their signs.
+    The method is shift-invert Lanczos. ``which`` "SA" takes the negative ones, "LA" the positive
+    ones. With the modes ``before`` (f, count) of a nearby tangent they keep their signs.
     """
     inverse = sla.LinearOperator(stiffness.shape, matvec=factor.apply, dtype=float)
     start = _without_symmetry(stiffness.shape[0]) if before is None else before.sum(axis=1)
-    values, modes = sla.eigsh(factor.matrix, count, stiffness, 0.0, which=which, OPinv=inverse, v0=start)
+    values, modes = sla.eigsh(
+        factor.matrix, count, stiffness, 0.0, which=which, OPinv=inverse, v0=start
+    )
     if before is not None:
         modes = modes * np.where(np.sum(modes * (stiffness @ before), axis=0) < 0, -1.0, 1.0)
     rank = np.argsort(values)
@@ -91,14 +110,23 @@ def rayleigh_ritz(
     product: Float[np.ndarray, "f m"],
     weighted: Float[np.ndarray, "f m"],
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "r m"]]:
-    """Lowest eigenvalues (m,) and coefficients (2 m, m) in the basis of m Ritz vectors and m corrections ``d`` (f, m) orthogonal to them.
+    """Lowest eigenvalues (m,) and coefficients (2 m, m) of Ritz vectors and corrections ``d``.
 
-    ``images`` and ``product`` (f, m) are K times the two, ``weighted`` (f, m) is N d.
+    There are m Ritz vectors; the corrections (f, m) are orthogonal to them. ``images`` and
+    ``product`` (f, m) are K times the two, ``weighted`` (f, m) is N d.
     """
     m, coupling, corner, gram = len(eigenvalues), images.T @ d, d.T @ product, d.T @ weighted
     scale = 1 / np.sqrt(np.diagonal(gram) + np.finfo(float).tiny)
-    both = np.block([[np.diag(eigenvalues), coupling * scale], [(coupling * scale).T, 0.5 * (corner + corner.T) * np.outer(scale, scale)]])
-    gram = np.outer(scale, scale) * gram + 1e-9 * np.eye(m)  # two corrections may be the same but for round-off
-    values, coefficients = scipy.linalg.eigh(both, scipy.linalg.block_diag(np.eye(m), gram), check_finite=False)
+    both = np.block(
+        [
+            [np.diag(eigenvalues), coupling * scale],
+            [(coupling * scale).T, 0.5 * (corner + corner.T) * np.outer(scale, scale)],
+        ]
+    )
+    # two corrections may be the same but for round-off
+    gram = np.outer(scale, scale) * gram + 1e-9 * np.eye(m)
+    values, coefficients = scipy.linalg.eigh(
+        both, scipy.linalg.block_diag(np.eye(m), gram), check_finite=False
+    )
     coefficients[m:] *= scale[:, None]
     return values[:m], coefficients[:, :m]

@@ -1,6 +1,7 @@
-"""Cholesky factors of sparse matrices inside compiled programs: the fronts of `multifrontal` as JAX functions.
+"""Cholesky factors in compiled programs: the fronts of `multifrontal` as JAX functions.
 
-The host's factor has every inertia; this one is of a positive definite matrix, and nan of any other.
+The matrices are sparse. The host's factor has every inertia; this one is of a positive definite
+matrix, and nan of any other.
 """
 
 import dataclasses
@@ -16,16 +17,26 @@ from .._types import Array, Bool, Float, Int
 from .pattern import Pattern
 
 Factors = tuple[tuple[Float[Array, "..."], Float[Array, "..."]], ...]
-"""Per front the lower triangular corner L (k, k) and the block B (m, k) below it: the matrix is the sum of [L; B] [L; B]^T."""
+"""Per front the corner L (k, k) and block B (m, k): the matrix is sum [L; B] [L; B]^T.
+
+The corner is lower triangular, the block below it.
+"""
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["entries", "below", "rows"], meta_fields=["children"])
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["entries", "below", "rows"],
+    meta_fields=["children"],
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class Columns:
     """The columns of a front, with k pivots and m unknowns below them; s = k + m."""
 
     entries: Int[Array, "s k"]
-    """Number of the matrix entry at each place, of the lower triangle; past the last entry for none."""
+    """Number of the matrix entry at each place, of the lower triangle.
+
+    Past the last entry for none.
+    """
     below: Int[Array, " m"]
     """Ranks of the unknowns below, in the order of elimination."""
     rows: tuple[Int[Array, " s"], ...]
@@ -55,7 +66,7 @@ class Elimination:
     """Number of entries that the fronts are made from."""
 
     def cholesky(self, pairs: Float[Array, "p 2 2"]) -> Factors:
-        """`Factors` of the matrix of the pair blocks (p, 2, 2); nan in them if it is not positive definite."""
+        """`Factors` of the matrix of the pair blocks (p, 2, 2); nan if not positive definite."""
         values, factors, updates = jnp.append(self._entries(pairs), 0.0), [], {}
         for number, front in enumerate(self.fronts):
             k, m = front.entries.shape[1], len(front.below)
@@ -76,7 +87,10 @@ class Elimination:
     def solve(self, factors: Factors, rhs: Float[Array, " f"]) -> Float[Array, " f"]:
         """Solution (f,) for the right-hand side, without refinement."""
         y, ends = rhs[self.order], np.cumsum([len(L) for L, _ in factors])
-        steps = [(slice(end - len(L), end), front.below, L, B) for end, front, (L, B) in zip(ends, self.fronts, factors, strict=True)]
+        steps = [
+            (slice(end - len(L), end), front.below, L, B)
+            for end, front, (L, B) in zip(ends, self.fronts, factors, strict=True)
+        ]
         for pivots, below, L, B in steps:
             z = _forward(L, y[pivots])
             y = y.at[pivots].set(z).at[below].add(-(B @ z))
@@ -90,7 +104,8 @@ def is_definite(factors: Factors) -> Bool[Array, ""]:
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(L)) for L, _ in factors]))
 
 
-# LAPACK's triangular solutions take one matrix; for many at once JAX 0.10 has code of XLA's own, which takes twice the time.
+# LAPACK's triangular solutions take one matrix; for many at once JAX 0.10 has code of XLA's own,
+# which takes twice the time.
 
 
 @jax.custom_batching.sequential_vmap
@@ -108,7 +123,9 @@ def _forward(L, z):
 
 @jax.custom_batching.sequential_vmap
 def _backward(L, z):
-    return lax.linalg.triangular_solve(L, z[:, None], left_side=True, lower=True, transpose_a=True)[:, 0]
+    return lax.linalg.triangular_solve(L, z[:, None], left_side=True, lower=True, transpose_a=True)[
+        :, 0
+    ]
 
 
 @once_per_owner
@@ -136,6 +153,13 @@ def _columns(front, fronts, n_entries):
         row = np.full(k + m, len(fronts[child].below), np.int32)
         for start, offset, part in ((0, 0, runs[0]), (k, eliminated, runs[1])):
             for source, target in part:
-                row[start + target.start : start + target.stop] = np.arange(source.start, source.stop) + offset
+                row[start + target.start : start + target.stop] = (
+                    np.arange(source.start, source.stop) + offset
+                )
         rows.append(row)
-    return Columns(np.concatenate(blocks), front.below, tuple(rows), tuple(child for child, *_ in front.children))
+    return Columns(
+        np.concatenate(blocks),
+        front.below,
+        tuple(rows),
+        tuple(child for child, *_ in front.children),
+    )

@@ -1,8 +1,10 @@
-"""Sparse symmetric systems in a fixed pattern: analyse once, factor for each tangent, solve, count negative pivots.
+"""Sparse symmetric systems in a fixed pattern: analyse, factor, solve, count pivots.
 
-The tangent is handed over as 2 x 2 blocks of node pairs (i <= j); a ``Pattern`` knows where they go in the matrix of the free degrees
-of freedom. Factors are ``multifrontal``; the residual of every solution is checked, which finds the tangents that are singular to
-working precision. A `Bordered` matrix is not symmetric and has LU factors.
+Analysed once, factored for each tangent; negative pivots are counted. The tangent is handed over as
+2 x 2 blocks of node pairs (i <= j); a ``Pattern`` has their positions in the matrix of the free
+degrees of freedom. Factors are ``multifrontal``; the residual of every solution is checked, which
+finds the tangents that are singular to working precision. A `Bordered` matrix is not symmetric and
+has LU factors.
 """
 
 import dataclasses
@@ -24,12 +26,15 @@ Columns = Float[Array, " f"] | Float[Array, "f r"]
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
 ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement
-PIVOTING = 1e-3  # of a bordered matrix: a pivot below this share of its column's largest entry leaves the order of least fill
-COLUMNS_TOGETHER = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
+# of a bordered matrix: a pivot below this share of its column's largest entry leaves the order of
+# least fill
+PIVOTING = 1e-3
+# of a matrix whose entries are looked at together, lest a copy of it all be made
+COLUMNS_TOGETHER = 20_000
 
 
 class SingularTangent(ArithmeticError):
-    """The factorisation met a zero pivot, or its solutions do not solve: the tangent is singular to working precision."""
+    """Zero pivot, or a wrong solution: the tangent is singular to working precision."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,7 +58,7 @@ class Factor:
         return columnwise(self.matrix.dot, vectors)
 
     def apply(self, rhs: Columns) -> Columns:
-        """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
+        """Solution (f,) or (f, r) without refinement or check: sufficient for an increment."""
         with few_threads(self.pattern.size):
             return self.fronts.solve(rhs)
 
@@ -62,14 +67,16 @@ class Factor:
         return self.solve(rhs)[0]
 
     def solve(self, rhs: Columns, *, refine: bool = True) -> tuple[Columns, float]:
-        """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
+        """Solution (f,) or (f, r), and its backward error |b - K x| / (|K| |x| + |b|).
 
-        It is refined until the corrections stop shrinking: in soft modes the residual tells nothing. Without ``refine`` the first
-        solution is taken where it will do for a Newton step. Raises ``SingularTangent`` where refinement does not converge, or to no
-        better backward error than ``BACKWARD_ERROR`` and a residual of 1e-4 of the right-hand side.
+        It is refined until the corrections stop shrinking: in soft modes the residual tells
+        nothing. Without ``refine`` the first solution is taken if it will do for a Newton step.
+        Raises ``SingularTangent`` if refinement does not converge, or to no better backward error
+        than ``BACKWARD_ERROR`` and a residual of 1e-4 of the right-hand side.
         """
         rhs = np.asarray(rhs)
-        with np.errstate(over="ignore", invalid="ignore"):  # a diverging Newton iterate ends as a status
+        # a diverging Newton iterate ends as a status
+        with np.errstate(over="ignore", invalid="ignore"):
             solution, before, scale = self.apply(rhs), np.inf, np.linalg.norm(rhs)
             for _ in range(MAX_REFINEMENTS):
                 residual, norm = rhs - self.product(solution), np.linalg.norm(solution)
@@ -99,21 +106,33 @@ class Factor:
         data, first = self.matrix.data, self.matrix.indptr[:-1]
         starts = np.split(first, range(COLUMNS_TOGETHER, len(first), COLUMNS_TOGETHER))
         stops = [*(start[0] for start in starts[1:]), len(data)]
-        sums = (np.add.reduceat(np.abs(data[a[0] : b]), a - a[0]).max() for a, b in zip(starts, stops, strict=True))
+        sums = (
+            np.add.reduceat(np.abs(data[a[0] : b]), a - a[0]).max()
+            for a, b in zip(starts, stops, strict=True)
+        )
         return float(max(sums))
 
 
-def columnwise(function: Callable[[np.ndarray], Any], vectors: Columns) -> Float[np.ndarray, " g"] | Float[np.ndarray, "g m"]:
-    """Values (g,) or (g, m) of a linear ``function`` of a vector for each column of ``vectors`` (f,) or (f, m).
+def columnwise(
+    function: Callable[[np.ndarray], Any], vectors: Columns
+) -> Float[np.ndarray, " g"] | Float[np.ndarray, "g m"]:
+    """Values (g,) or (g, m) of a linear ``function`` of each column of ``vectors``.
 
-    For products of sparse matrices that takes half as long as SciPy's with all columns at once.
+    These are (f,) or (f, m). For products of sparse matrices that takes half as long as SciPy's
+    with all columns at once.
     """
-    return function(vectors) if vectors.ndim == 1 else np.stack([function(vector) for vector in vectors.T], axis=1)
+    return (
+        function(vectors)
+        if vectors.ndim == 1
+        else np.stack([function(vector) for vector in vectors.T], axis=1)
+    )
 
 
 def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"]) -> Factor:
-    """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2); raises ``SingularTangent``."""
-    pattern = pattern.fitting(pairs)
+    """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2).
+
+    Raises ``SingularTangent``.
+    """
     entries = pattern.entries(pairs)
     matrix = pattern.matrix_of(entries)
     if not np.all(np.isfinite(matrix.data)):
@@ -126,7 +145,10 @@ def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"]) -> Factor:
 
 
 class Bordered:
-    """Factor of [[K, sides], [rows^T, corner]], K the ``matrix`` (f, f), eliminated in ``order`` where pivots allow; SingularTangent."""
+    """Factor of [[K, sides], [rows^T, corner]] in ``order`` if pivots allow; SingularTangent.
+
+    K is the ``matrix`` (f, f).
+    """
 
     def __init__(
         self,
@@ -137,9 +159,16 @@ class Bordered:
         corner: Float[np.ndarray, "b b"],
     ) -> None:
         self.order = order
-        self.matrix = sp.block_array([[matrix[order][:, order], sides[order]], [rows[order].T, corner]], format="csc")
+        self.matrix = sp.block_array(
+            [[matrix[order][:, order], sides[order]], [rows[order].T, corner]], format="csc"
+        )
         try:
-            self.lu = splu(self.matrix, permc_spec="NATURAL", diag_pivot_thresh=PIVOTING, options=dict(Equil=False))
+            self.lu = splu(
+                self.matrix,
+                permc_spec="NATURAL",
+                diag_pivot_thresh=PIVOTING,
+                options=dict(Equil=False),
+            )
         except RuntimeError as error:
             raise SingularTangent(str(error)) from error
 
@@ -155,7 +184,11 @@ class Bordered:
 
     @classmethod
     def of(
-        cls, factor: Factor, sides: Float[np.ndarray, "f b"], rows: Float[np.ndarray, "f b"], corner: Float[np.ndarray, "b b"]
+        cls,
+        factor: Factor,
+        sides: Float[np.ndarray, "f b"],
+        rows: Float[np.ndarray, "f b"],
+        corner: Float[np.ndarray, "b b"],
     ) -> "Bordered":
         """That of a factorised tangent."""
         return cls(factor.pattern.tree.order, factor.matrix, sides, rows, corner)

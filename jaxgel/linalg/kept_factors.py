@@ -14,11 +14,11 @@ REMEMBERED_BYTES = 2**29  # most that the kept factors of all plates may fill to
 
 
 class FactorCache:
-    """The latest factors, each with the discretisation and the numbers on which its tangent depends.
+    """The latest factors, each with the discretisation and numbers of its tangent.
 
-    Together they fill at most ``bytes``, the latest one excepted: it stays however large it is. When a
-    factor is added, the oldest ones are dropped until the rest fits. A factor that was dropped costs
-    the time to make it anew. Threads may add and ask at the same time.
+    Together they fill at most ``bytes``, the latest one excepted: it stays however large it is.
+    When a factor is added, the oldest ones are dropped until the rest fits. A factor that was
+    dropped costs the time to make it anew. Threads may add and ask at the same time.
     """
 
     def __init__(self, bytes: float):  # noqa: A002
@@ -27,12 +27,15 @@ class FactorCache:
         self._kept: collections.deque[tuple] = collections.deque()  # newest last
 
     def contents(self) -> list[tuple[Factor | BlockFactor, object, list[np.ndarray], object]]:
-        """The factors kept, their owners, and the leaves and tree structures of their states, oldest first."""
+        """Factors, their owners, and leaves and tree structures of states, oldest first."""
         with self._lock:
             return list(self._kept)
 
     def add(self, made: Factor | BlockFactor, owner: object, state: Any) -> None:
-        """Keep the factor of the tangent at a ``state``, a pytree; ``owner`` is compared by identity."""
+        """Keep the factor of the tangent at a ``state``, a pytree.
+
+        ``owner`` is compared by identity.
+        """
         leaves, structure = jax.tree.flatten(state)
         with self._lock:
             self._kept.append((made, owner, [np.asarray(leaf) for leaf in leaves], structure))
@@ -43,7 +46,11 @@ class FactorCache:
         """The factor of this state's tangent; None if it is not kept."""
         leaves, structure = jax.tree.flatten(state)
         for made, of, kept, kept_structure in reversed(self.contents()):
-            if of is owner and kept_structure == structure and all(map(np.array_equal, kept, leaves)):
+            if (
+                of is owner
+                and kept_structure == structure
+                and all(map(np.array_equal, kept, leaves))
+            ):
                 return made
         return None
 

@@ -1,5 +1,6 @@
 """The gel: free energy, stress, free and uniaxial swelling, phases."""
 
+from .._deprecated import old_names
 from .checks import ACCEPTED, check_gel, check_number, check_parameter
 from .composite import Composite, Elastomer, Filled, matrix_of, takes_solvent, with_matrix
 from .fields import (
@@ -31,8 +32,24 @@ from .gel import (
 )
 from .laws import VolumeLaw
 from .mixing import flory_huggins, flory_rehner
-from .phases import HomogeneousStates, PhasePoints, coexistence, homogeneous_states, limits_of_stability
-from .responsive import AnyGel, Ions, LocalGel, Pnipam, Polyelectrolyte, ionic_energy, ions, pnipam_chi, pnipam_energy
+from .phases import (
+    HomogeneousStates,
+    PhasePoints,
+    coexistence,
+    homogeneous_states,
+    limits_of_stability,
+)
+from .responsive import (
+    AnyGel,
+    Ions,
+    LocalGel,
+    Pnipam,
+    Polyelectrolyte,
+    ionic_energy,
+    ions,
+    pnipam_chi,
+    pnipam_energy,
+)
 from .surface import film_edge_volume_ratio, surface_stability, surface_volume_ratio
 from .swelling import (
     SMALLEST_SWELLING,
@@ -113,3 +130,5 @@ __all__ = [
     "with_matrix",
     "with_parameters",
 ]
+
+__getattr__ = old_names(__name__)

@@ -1,4 +1,4 @@
-"""What the parameters of a gel are refused for."""
+"""Validation of gel parameters."""
 
 import math
 from collections.abc import Callable
@@ -27,9 +27,10 @@ ACCEPTED: dict[str, tuple[Callable[[Any], Any], str]] = {
 
 
 def check_gel(gel: Any, mu: object = None) -> None:
-    """Raise ValueError, one line, unless parameters are what `ACCEPTED` says of their names and ``mu`` (a number or array) is finite.
+    """Raise ValueError, one line, unless parameters obey `ACCEPTED` and ``mu`` is finite.
 
-    Traced values pass, and fields, which `check_parameter` sees at the points of a model. Of a `Composite` every material is checked.
+    It is a number or array. Traced values pass, and fields, which `check_parameter` checks at the
+    points of a model. Of a `Composite` every material is checked.
     """
     if isinstance(gel, Composite):
         check_gel(gel.matrix, mu)
@@ -48,11 +49,16 @@ def check_gel(gel: Any, mu: object = None) -> None:
 def _check_region(where, material, matrix):
     if not isinstance(material, Elastomer):
         if type(material) is not type(matrix):
-            raise ValueError(f"{where}: {material!r} is neither an Elastomer nor a {type(matrix).__name__}, as the matrix is")
+            raise ValueError(
+                f"{where}: {material!r} is neither an Elastomer nor a {type(matrix).__name__}, as "
+                "the matrix is"
+            )
         for name in ("network", "volumetric"):
             if getattr(material, name) != getattr(matrix, name):
                 own, needed = getattr(material, name), getattr(matrix, name)
-                raise ValueError(f"{where}: its {name} is {own!r}, it must be that of the matrix, {needed!r}")
+                raise ValueError(
+                    f"{where}: its {name} is {own!r}, it must be that of the matrix, {needed!r}"
+                )
     try:
         check_gel(material)
     except ValueError as problem:
@@ -60,16 +66,25 @@ def _check_region(where, material, matrix):
 
 
 def check_parameter(name: str, values: Float[Any, " p"], places: Float[Any, "p 2"]) -> None:
-    """Raise ValueError, one line, with the first of the ``places``, mm, at which the value of a field is not accepted or not finite."""
+    """Raise ValueError, one line, with the first of the ``places``, mm, of a wrong value.
+
+    The value of a field is not accepted there or not finite.
+    """
     accepted, text = ACCEPTED.get(name, (np.isfinite, "a finite number"))
     wrong = np.flatnonzero(~accepted(np.asarray(values)))
     if len(wrong):
         x, y = np.asarray(places)[wrong[0]]
-        raise Inadmissible(f"{name}: {float(values[wrong[0]]):g} at ({x:.4g}, {y:.4g}) mm is not accepted, it must be {text}")
+        raise Inadmissible(
+            f"{name}: {float(values[wrong[0]]):g} at ({x:.4g}, {y:.4g}) mm is not accepted, it "
+            f"must be {text}"
+        )
 
 
 def check_number(name: str, value: object, accepted: Any, text: str) -> None:
-    """Raise ValueError, one line, unless ``value`` is a number that is ``accepted``, in words ``text``; traced values pass."""
+    """Raise ValueError, one line, unless the number ``value`` is ``accepted``, in words ``text``.
+
+    Traced values pass.
+    """
     if is_traced(value):
         return
     try:
@@ -77,5 +92,9 @@ def check_number(name: str, value: object, accepted: Any, text: str) -> None:
     except (TypeError, ValueError):
         number = math.nan
     if not accepted(number):
-        shown = repr(value) if math.isnan(number) and not isinstance(value, np.generic | jax.Array) else f"{number:g}"
+        shown = (
+            repr(value)
+            if math.isnan(number) and not isinstance(value, np.generic | jax.Array)
+            else f"{number:g}"
+        )
         raise Inadmissible(f"{name}: {shown} is not accepted, it must be {text}")

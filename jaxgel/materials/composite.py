@@ -1,12 +1,12 @@
-"""Materials that differ from region to region: other gels, and passive elastomers that take no solvent.
+"""Materials that differ by region: other gels, and passive elastomers without solvent.
 
 An elastomer has the energy per dry volume, in kT/v,
 
     W(F) = network(F) + elastic(J),   elastic(J) = K/2 (J - 1)^2 - Nv ln J,
 
-free of stress in the dry state, with the shear modulus Nv and, for K well above it, the bulk modulus K. Its ``network`` is the gel's, with
-an Nv of its own. ``elastic(J)`` stands in place of ``volumetric(J) - mu (J - 1)``, so that the mixed form is the same; every J > 0 is
-feasible.
+free of stress in the dry state, with the shear modulus Nv and, for K well above it, the bulk
+modulus K. Its ``network`` is the gel's, with an Nv of its own. ``elastic(J)`` stands in place of
+``volumetric(J) - mu (J - 1)``, so that the mixed form is the same; every J > 0 is feasible.
 """
 
 import dataclasses
@@ -23,10 +23,13 @@ from .fields import Field, LocalValues, named_parameters
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Elastomer:
-    """A passive material: a network that takes no solvent; a pytree. Numbers may be traced, and be fields as those of a `Gel`."""
+    """A passive material: a network that takes no solvent; the user makes it for a `Composite`.
+
+    A pytree. Its numbers may be traced, and may be fields as those of a `Gel`.
+    """
 
     Nv: Scalar | Field
-    """Shear modulus, kT/v: comparable with the Nv of gels."""
+    """Shear modulus, kT/v; comparable with the Nv of gels."""
     bulk: Scalar | Field
     """Bulk modulus K, kT/v."""
 
@@ -34,15 +37,15 @@ class Elastomer:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Composite:
-    """The materials of a plate with ``regions``; a pytree of theirs.
+    """Materials of a plate with `regions`; the user makes it. A pytree of theirs.
 
-    All gels have the same ``network`` and ``volumetric`` energy: what differs are their parameters.
+    All gels have the same `network` and `volumetric` energy: they differ in their parameters.
     """
 
     matrix: Any
     """The gel outside the regions."""
     regions: tuple[Any, ...]
-    """A gel or an `Elastomer` for each region of the plate."""
+    """A gel or an `Elastomer` for each region of the plate, in their order."""
 
 
 def matrix_of(gel: Any) -> Any:
@@ -59,9 +62,10 @@ def with_matrix(gel: Any, **changes: Any) -> Any:
 @jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True, eq=False)
 class Filled:
-    """A gel on a model some regions of which are elastomers; a pytree of the parameters of both, see ``mechanics.localised``.
+    """A gel on a model with elastomer regions; a pytree of both, see ``mechanics.localised``.
 
-    Its ``volumetric`` energy is `filled_energy`; what it does not have itself is the gel's.
+    It has the parameters of both. Its ``volumetric`` energy is `filled_energy`; what it does not
+    have itself is the gel's.
     """
 
     gel: Any
@@ -81,7 +85,10 @@ class Filled:
         """The parameters with their names, and how to put the gel together again."""
         own = named_parameters(self.gel)
         structure = jax.tree.structure(self.gel, is_leaf=lambda part: part is not self.gel)
-        return [(jax.tree_util.GetAttrKey(name), part) for name, part in (own | {"bulk": self.bulk}).items()], structure
+        return [
+            (jax.tree_util.GetAttrKey(name), part)
+            for name, part in (own | {"bulk": self.bulk}).items()
+        ], structure
 
     @classmethod
     def tree_unflatten(cls, structure: Any, parts: Any) -> "Filled":
@@ -91,10 +98,15 @@ class Filled:
 
 
 def filled_energy(J: Float[Array, ""], filled: Filled) -> Float[Array, ""]:
-    """Energy (), kT/v, at the volume ratio ``J`` () besides those of the network and of mu: volumetric(J), elastic(J) in an elastomer."""
+    """Energy (), kT/v, at ``J`` () without network and mu: volumetric(J), elastic(J).
+
+    ``J`` is the volume ratio; elastic(J) is that of an elastomer.
+    """
     passive = filled.bulk > 0
     elastic = filled.bulk / 2 * (J - 1) ** 2 - filled.Nv * jnp.log(J)
-    return jnp.where(passive, elastic, filled.gel.volumetric(jnp.where(passive, 2.0, J), filled.gel))
+    return jnp.where(
+        passive, elastic, filled.gel.volumetric(jnp.where(passive, 2.0, J), filled.gel)
+    )
 
 
 def takes_solvent(gel: Any) -> Bool[Array, "..."]:

@@ -1,8 +1,9 @@
 """Parameters that vary over the dry plate: printed gels.
 
-A parameter of a gel is a number or a field: a function of the position X (2,), mm, that gives one number, plain or with parameters of its
-own (any pytree with ``__call__``), in which everything that follows is differentiable. On a model a field becomes arrays of its values,
-`LocalValues`, and functions of the gel of one place are mapped over these by `elementwise`.
+A parameter of a gel is a number or a field: a function of the position X (2,), mm, that gives one
+number, plain or with parameters of its own (any pytree with ``__call__``), in which everything that
+follows is differentiable. On a model a field becomes arrays of its values, `LocalValues`, and
+functions of the gel of one place are mapped over these by `elementwise`.
 """
 
 import dataclasses
@@ -29,21 +30,25 @@ class LocalValues:
     groups: Float[Array, " g"]
     """In the volume groups."""
     outline: Float[Array, " p"]
-    """At the outline vertices of the model, and after them at the nodes of the plate's free edges."""
+    """At the outline vertices of the model, then at the nodes of the free edges."""
 
 
 EDGE = 1e-9  # of a picture's size: points within this distance beyond its edge belong to it
 Field = Callable[..., Any] | LocalValues | Array
-"""A parameter that is no number: a function of the position, its values on a model, or an array of them."""
+"""A field parameter: a function of position, its values on a model, or an array of them."""
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["extent", "smooth"])
+@functools.partial(
+    jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["extent", "smooth"]
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelField:
-    """A picture as a field: bilinear between the centres of its pixels, constant from the outermost ones to its edge, nan beyond.
+    """A picture as a field over the dry plate; the user makes it, as a parameter of a gel.
 
-    A ``smooth`` one has no kinks there: it is the sum of quadratic B-splines, one for each pixel, and keeps the picture's bounds. At the
-    centre of a pixel it is a mean of that and its neighbours, 3/4 and 1/8 along each axis.
+    It is bilinear between the centres of its pixels, constant from the outermost ones to its edge,
+    and nan beyond. A `smooth` one has no kinks: it is the sum of quadratic B-splines, one for each
+    pixel, and keeps the picture's bounds. At the centre of a pixel it is a mean of that and its
+    neighbours, 3/4 and 1/8 along each axis.
 
     >>> import jax.numpy as jnp
     >>> field = PixelField(jnp.array([[1.0, 3.0], [5.0, 5.0]]), extent=(-1.0, 1.0, -1.0, 1.0))
@@ -52,7 +57,8 @@ class PixelField:
     """
 
     values: Float[Array, "r c"]
-    """Value of each pixel; the first row is the upper edge of the picture."""
+    """Value of each pixel, in the unit of the parameter; the first row is the upper edge of the
+    picture."""
     extent: tuple[float, float, float, float]
     """Left, right, lower and upper edge of the picture on the dry plate, mm."""
     smooth: bool = False
@@ -66,15 +72,24 @@ class PixelField:
         inside = jnp.where(jnp.all((shares >= -EDGE) & (shares <= 1 + EDGE)), 1.0, jnp.nan)
         at = [down * rows - 0.5, along * columns - 0.5]
         if self.smooth:
-            (i, along_y), (j, along_x) = (_spline(u, count) for u, count in zip(at, (rows, columns), strict=True))
-            return inside * (along_y @ jnp.asarray(self.values, dtype=float)[i[:, None], j] @ along_x)
-        return inside * map_coordinates(jnp.asarray(self.values, dtype=float), at, order=1, mode="nearest")
+            (i, along_y), (j, along_x) = (
+                _spline(u, count) for u, count in zip(at, (rows, columns), strict=True)
+            )
+            return inside * (
+                along_y @ jnp.asarray(self.values, dtype=float)[i[:, None], j] @ along_x
+            )
+        return inside * map_coordinates(
+            jnp.asarray(self.values, dtype=float), at, order=1, mode="nearest"
+        )
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["field"], meta_fields=[])
 @dataclasses.dataclass(frozen=True, eq=False)
 class WithHoles:
-    """A field that moves with the material where a design moves holes: it is read where a point of the reference cloud was."""
+    """A field that moves with the material if a design moves holes; the user makes it for a gel.
+
+    It is evaluated at the position of a point on the reference cloud.
+    """
 
     field: Callable
     """Function of the position X (2,), mm, on the plate whose cloud is moved."""
@@ -95,7 +110,10 @@ def _of_picture(picture, X):
 
 
 def _spline(u, count):
-    """Numbers (3,) of the nearest of ``count`` points 0, 1 ... to ``u`` and its neighbours, and the values of their quadratic B-splines."""
+    """Numbers (3,) of the ``count`` points nearest ``u``, and quadratic B-spline values.
+
+    These are the nearest of the points 0, 1 ... and its neighbours.
+    """
     nearest = jnp.round(jax.lax.stop_gradient(u))
     d = u - nearest
     numbers = jnp.clip(nearest.astype(int) + jnp.arange(-1, 2), 0, count - 1)
@@ -129,28 +147,45 @@ def gel_in_groups(gel: Any) -> Any:
 
 
 def gel_on_outline(gel: Any, ends: Int[Array, "m 2"]) -> Any:
-    """The gel on arcs between ``ends``, outline vertices or nodes of free edges numbered after these: the mean of both."""
+    """The gel on arcs between ``ends``, outline vertices or free-edge nodes: the mean of both.
+
+    Nodes are numbered after the vertices.
+    """
     return _taken(gel, lambda local: local.outline[ends].mean(axis=1))
 
 
 def _taken(gel, values):
-    return with_parameters(gel, lambda part: values(part) if isinstance(part, LocalValues) else part)
+    return with_parameters(
+        gel, lambda part: values(part) if isinstance(part, LocalValues) else part
+    )
 
 
 def varies(gel: Any) -> bool:
     """Whether a parameter of the gel is a field, or an array of its values."""
-    return any(callable(part) or np.ndim(part) > 0 for part in jax.tree.leaves(gel, is_leaf=callable))
+    return any(
+        callable(part) or np.ndim(part) > 0 for part in jax.tree.leaves(gel, is_leaf=callable)
+    )
 
 
-def elementwise(function: Callable[..., Any], x: Float[Array, "..."], *parameters: Any, signature: str = "()->()") -> Float[Array, "..."]:
+def elementwise(
+    function: Callable[..., Any],
+    x: Float[Array, "..."],
+    *parameters: Any,
+    signature: str = "()->()",
+) -> Float[Array, "..."]:
     """``function(x, *parameters)`` for every element of ``x`` with the parameters of its place.
 
-    ``parameters`` are pytrees of numbers and of arrays that broadcast with the elements; ``signature`` says what an element is.
+    ``parameters`` are pytrees of numbers and of arrays that broadcast with the elements;
+    ``signature`` says what an element is.
     """
-    numbers, structure = jax.tree.flatten(jax.tree.map(lambda leaf: jnp.asarray(leaf, float), parameters))
+    numbers, structure = jax.tree.flatten(
+        jax.tree.map(lambda leaf: jnp.asarray(leaf, float), parameters)
+    )
     element, result = signature.split("->")
 
     def of_place(x, *numbers):
         return function(x, *jax.tree.unflatten(structure, numbers))
 
-    return jnp.vectorize(of_place, signature=f"{','.join([element] + ['()'] * len(numbers))}->{result}")(jnp.asarray(x, float), *numbers)
+    return jnp.vectorize(
+        of_place, signature=f"{','.join([element] + ['()'] * len(numbers))}->{result}"
+    )(jnp.asarray(x, float), *numbers)

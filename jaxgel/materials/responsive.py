@@ -1,6 +1,7 @@
-"""Gels that respond: poly(N-isopropylacrylamide) to temperature, a polyelectrolyte to the pH and the salt of its bath.
+"""Responsive gels: PNIPAM to temperature, a polyelectrolyte to pH and salt of its bath.
 
-Both differ from `Gel` in the part of the energy that depends on J alone. `phases` finds where they have two phases.
+PNIPAM is poly(N-isopropylacrylamide). Both differ from `Gel` in the part of the energy that depends
+on J alone. `phases` finds where they have two phases.
 """
 
 import dataclasses
@@ -19,19 +20,23 @@ from .gel import Gel, neo_hookean
 from .mixing import flory_huggins, flory_rehner
 
 ZERO_CELSIUS = 273.15  # K
-PNIPAM_CONSTANTS = ((-12.947, 0.04496), (17.92, -0.0569))  # (A0, B0), (A1, B1): chi_i = A_i + B_i T with T in K
+# (A0, B0), (A1, B1): chi_i = A_i + B_i T with T in K
+PNIPAM_CONSTANTS = ((-12.947, 0.04496), (17.92, -0.0569))
 MOLECULES_PER_NM3 = 0.602214076  # of 1 mol/l
 NEWTON_STEPS = 7  # of the Donnan potential: one more than any bath and gel needs
 
 
 def pnipam_chi(J: Float[Array, "..."] | Scalar, temperature: Scalar) -> Float[Array, "..."]:
-    """Flory's parameter (...) of PNIPAM in water, chi0 + chi1 / J, at volume ratio ``J`` (...) and ``temperature``, degrees Celsius."""
+    """Flory's parameter (...) of PNIPAM in water, chi0 + chi1 / J, at ``J`` and ``temperature``.
+
+    J is the volume ratio (...), the temperature is in degrees Celsius.
+    """
     chi0, chi1 = _chi_terms(temperature)
     return chi0 + chi1 / J
 
 
 def pnipam_energy(J: Float[Array, "..."] | Scalar, gel: Any) -> Float[Array, "..."]:
-    """The part of the energy of `Pnipam` that depends on ``J`` (...) > 1 alone, kT/v per dry volume.
+    """Energy of `Pnipam` of ``J`` (...) > 1 alone, kT/v per dry volume.
 
     (J-1) ln(1 - 1/J) + chi (1 - 1/J) - Nv ln J with chi = chi0 + chi1/J, less the constant chi0.
     """
@@ -42,56 +47,82 @@ def pnipam_energy(J: Float[Array, "..."] | Scalar, gel: Any) -> Float[Array, "..
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Pnipam:
-    """A gel of poly(N-isopropylacrylamide) in water, which shrinks when it is heated; a pytree, as `Gel`.
+    """A gel of poly(N-isopropylacrylamide) in water, which shrinks if heated; the user makes it.
 
-    After Cai & Suo (2011), J. Mech. Phys. Solids 59, 2259, whose constants A0 = -12.947, B0 = 0.04496/K, A1 = 17.92, B1 = -0.0569/K fit
-    data of Afroze, Nies & Berghmans (2000), J. Mol. Struct. 554, 55, on solutions of the polymer. No source at hand says between which
-    temperatures the fit holds; accepted is 0 to 100 degrees Celsius, where water is liquid. Energies are in kT/v with T of the gel.
+    A pytree, as `Gel`. Energies are in kT/v with T of the gel. 0 to 100 degrees Celsius are
+    accepted, at which water is liquid; no source at hand says between which temperatures the fit
+    holds. The gel may have two phases at one temperature, see `coexistence`. Functions that follow
+    one state, as `free_swelling`, then give the shrunken one, up to where it ends.
 
-    It may have two phases at one temperature, see `coexistence`. Functions that follow one state, as `free_swelling`, give the shrunken
-    one then, up to where it ends.
+    Source: Cai & Suo (2011), J. Mech. Phys. Solids 59, 2259, whose constants A0 = -12.947,
+    B0 = 0.04496/K, A1 = 17.92, B1 = -0.0569/K fit data of Afroze, Nies & Berghmans (2000),
+    J. Mol. Struct. 554, 55, on solutions of the polymer.
     """
 
-    Nv: Scalar | Field = 0.01  # chains per dry volume times solvent molecule volume ()
-    temperature: Scalar | Field = 25.0  # degrees Celsius
-    network: Callable = dataclasses.field(default=neo_hookean, kw_only=True, metadata={"static": True})  # (F (2, 2), gel) -> ()
-    volumetric: Callable = dataclasses.field(default=pnipam_energy, kw_only=True, metadata={"static": True})  # (J (), gel) -> ()
+    Nv: Scalar | Field = 0.01
+    """Chains per dry volume times solvent molecule volume (); dry shear modulus in kT/v."""
+    temperature: Scalar | Field = 25.0
+    """Temperature, degrees Celsius."""
+    network: Callable = dataclasses.field(
+        default=neo_hookean, kw_only=True, metadata={"static": True}
+    )
+    """Network energy (F (2, 2), gel) -> (), kT/v."""
+    volumetric: Callable = dataclasses.field(
+        default=pnipam_energy, kw_only=True, metadata={"static": True}
+    )
+    """Energy of mixing (J (), gel) -> (), kT/v."""
 
 
 def ionic_energy(J: Float[Array, "..."] | Scalar, gel: Any) -> Float[Array, "..."]:
-    """Energy (...) of mobile ions and acidic groups of a `Polyelectrolyte` at ``J`` (...) > 1, kT/v per dry volume.
+    """Energy (...) of ions and acidic groups of a `Polyelectrolyte` at ``J`` (...) > 1, kT/v.
 
-    Legendre transform with respect to the ions, which the bath provides. Its slope is -v (sum of c - sum of c_bath): less the osmotic
-    pressure of the ions.
+    Per dry volume; the ions are mobile. Legendre transform with respect to the ions, which the bath
+    provides. Its slope is -v (sum of c - sum of c_bath): less the osmotic pressure of the ions.
     """
     return _ionic(*_charges(J, gel))
 
 
 def polyelectrolyte_energy(J: Float[Array, "..."] | Scalar, gel: Any) -> Float[Array, "..."]:
-    """The part of the energy of `Polyelectrolyte` that depends on ``J`` (...) > 1 alone, kT/v per dry volume."""
+    """Energy of `Polyelectrolyte` of ``J`` (...) > 1 alone, kT/v per dry volume."""
     return flory_rehner(J, gel) + ionic_energy(J, gel)
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Polyelectrolyte:
-    """A gel with acidic groups in a bath of given pH and salt, which swells when the groups dissociate; a pytree, as `Gel`.
+    """A gel with acidic groups in a bath of given pH and salt; the user makes it.
 
-    After Marcombe et al. (2010), Soft Matter 6, 784: ideal mobile ions, hydrogen, a cation and an anion of charge one, in Donnan
-    equilibrium with the bath, and groups that dissociate by the law of mass action, c_H c_A / c_AH = 10^-pKa mol/l. Hydroxide is left
-    out, so the model is for 10^(pH - 14) well below the salt. ``mu`` is the chemical potential of the solvent above that in the bath:
-    a gel in its bath has mu = 0.
+    A pytree, as `Gel`. It swells when the groups dissociate. Ideal mobile ions, hydrogen, a cation
+    and an anion of charge one, are in Donnan equilibrium with the bath, and groups dissociate by
+    the law of mass action, c_H c_A / c_AH = 10^-pKa mol/l. Hydroxide is left out, so the model is
+    for 10^(pH - 14) well below the salt. `mu` is the chemical potential of the solvent above that
+    in the bath: a gel in its bath has mu = 0.
+
+    Source: Marcombe et al. (2010), Soft Matter 6, 784.
     """
 
-    Nv: Scalar | Field = 1e-3  # chains per dry volume times solvent molecule volume ()
-    chi: Scalar | Field = 0.1  # enthalpy of mixing, Flory's parameter ()
-    pH: Scalar | Field = 7.0  # noqa: N815 (of the bath, whose hydrogen ions are 10^-pH mol/l)
-    salt: Scalar | Field = 0.01  # cations of the salt in the bath, mol/l; its anions balance these and the hydrogen ions
-    acid_fraction: Scalar | Field = 0.05  # acidic groups in the volume v of dry polymer ()
-    pKa: Scalar | Field = 4.3  # noqa: N815 (of the acidic groups)
-    solvent_volume: Scalar | Field = 0.1  # v, of a solvent molecule and of a monomer, nm^3
-    network: Callable = dataclasses.field(default=neo_hookean, kw_only=True, metadata={"static": True})  # (F (2, 2), gel) -> ()
-    volumetric: Callable = dataclasses.field(default=polyelectrolyte_energy, kw_only=True, metadata={"static": True})  # (J (), gel) -> ()
+    Nv: Scalar | Field = 1e-3
+    """Chains per dry volume times solvent molecule volume (); dry shear modulus in kT/v."""
+    chi: Scalar | Field = 0.1
+    """Flory's parameter of mixing ()."""
+    pH: Scalar | Field = 7.0  # noqa: N815
+    """pH of the bath (), whose hydrogen ions are 10^-pH mol/l."""
+    salt: Scalar | Field = 0.01
+    """Cations of the salt in the bath, mol/l; its anions balance these and the hydrogen ions."""
+    acid_fraction: Scalar | Field = 0.05
+    """Number of acidic groups in the volume v of dry polymer ()."""
+    pKa: Scalar | Field = 4.3  # noqa: N815
+    """pKa of the acidic groups ()."""
+    solvent_volume: Scalar | Field = 0.1
+    """Volume v of a solvent molecule and of a monomer, nm^3."""
+    network: Callable = dataclasses.field(
+        default=neo_hookean, kw_only=True, metadata={"static": True}
+    )
+    """Network energy (F (2, 2), gel) -> (), kT/v."""
+    volumetric: Callable = dataclasses.field(
+        default=polyelectrolyte_energy, kw_only=True, metadata={"static": True}
+    )
+    """Energy of mixing and of the ions (J (), gel) -> (), kT/v."""
 
 
 LocalGel = Gel | Pnipam | Polyelectrolyte | Filled
@@ -101,7 +132,10 @@ AnyGel = LocalGel | Composite
 
 
 class Ions(NamedTuple):
-    """What is dissolved in a `Polyelectrolyte`; concentrations are per current volume of the gel."""
+    """What is dissolved in a `Polyelectrolyte`.
+
+    Concentrations are per current volume of the gel.
+    """
 
     hydrogen: Float[Array, "..."]
     """Hydrogen ions, mol/l."""
@@ -136,9 +170,10 @@ def _chi_terms(temperature):
 
 
 def _charges(J, gel):
-    """What `_ionic` takes: J times the anions of the bath and the acidic groups, both in the volume v, and the shift.
+    """Arguments of `_ionic`: J times bath anions, acidic groups, both in v, and the shift.
 
-    The shift is the logarithm of the ratio of undissociated to dissociated groups without a Donnan potential.
+    The shift is the logarithm of the ratio of undissociated to dissociated groups without a Donnan
+    potential.
     """
     bath = (gel.salt + 10.0 ** (-gel.pH)) * gel.solvent_volume * MOLECULES_PER_NM3
     shift = math.log(10) * (gel.pKa - gel.pH)
@@ -147,11 +182,12 @@ def _charges(J, gel):
 
 @jax.custom_jvp
 def _ionic(bath, acid, shift):
-    """Energy of the ions, the maximum over psi of 2 bath (1 - cosh psi) - acid ln(1 + exp(-psi - shift)); psi is less the Donnan potential.
+    """Energy of the ions: max over psi of 2 bath (1 - cosh psi) - acid ln(1 + exp(-psi - shift)).
 
-    ``bath`` is J times the anions of the bath and ``acid`` the groups, both in the volume v. This is the dual of the minimum over the
-    amounts of all ions at charge balance, whose multiplier is psi. The maximum is concave, and where its slope vanishes charges balance:
-    2 bath sinh psi = acid / (1 + exp(psi + shift)).
+    psi is less the Donnan potential. ``bath`` is J times the anions of the bath and ``acid`` the
+    groups, both in the volume v. This is the dual of the minimum over the amounts of all ions at
+    charge balance, whose multiplier is psi. The maximum is concave, and where its slope vanishes
+    charges balance: 2 bath sinh psi = acid / (1 + exp(psi + shift)).
     """
     psi = _donnan(bath, acid, shift)
     return -4 * bath * jnp.sinh(psi / 2) ** 2 - acid * jax.nn.softplus(-psi - shift)
@@ -172,8 +208,9 @@ def _ionic_jvp(primals, tangents):
 def _donnan(bath, acid, shift):
     """Psi >= 0 at which charges balance, see `_ionic`.
 
-    Newton's method for s = ln sinh psi in s + ln(2 bath / acid) + ln(1 + exp(shift + psi)) = 0. The left side is convex in s with slopes in
-    [1, 2), and not negative at s = ln(acid / (2 bath)), all groups dissociated: from there the iterates fall to the root.
+    Newton's method for s = ln sinh psi in s + ln(2 bath / acid) + ln(1 + exp(shift + psi)) = 0. The
+    left side is convex in s with slopes in [1, 2), and not negative at s = ln(acid / (2 bath)), all
+    groups dissociated: from there the iterates fall to the root.
     """
     some = acid > 0
     highest = jnp.log(jnp.where(some, acid, 1.0)) - jnp.log(2 * bath)
@@ -184,7 +221,9 @@ def _donnan(bath, acid, shift):
         return s - (s - highest + jax.nn.softplus(shift + psi)) / slope
 
     start = highest + 0.0 * shift
-    return jnp.where(some, jnp.arcsinh(jnp.exp(jax.lax.fori_loop(0, NEWTON_STEPS, step, start))), 0.0)
+    return jnp.where(
+        some, jnp.arcsinh(jnp.exp(jax.lax.fori_loop(0, NEWTON_STEPS, step, start))), 0.0
+    )
 
 
 @_donnan.defjvp

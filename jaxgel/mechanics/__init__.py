@@ -1,8 +1,22 @@
-"""Mechanics: the energy of a swollen gel, its contact and loads, its degrees of freedom, and its tangent."""
+"""Mechanics: energy of a swollen gel, contact, loads, degrees of freedom, and tangent."""
 
+from .._deprecated import old_names
+from .approach import step_limit
 from .assembly import factorised_tangent, pair_product, tangent, tangent_blocks
 from .conditions import Free, constrained_part, gather, restrict, scatter, with_free_values
-from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
+from .contact import (
+    RANGE,
+    STIFFNESS,
+    ContactPairs,
+    contact_energy,
+    contact_force,
+    dry_points,
+    energy_of_points,
+    has_pairs,
+    pair_energy,
+    surface_points,
+    with_contact,
+)
 from .dofs import (
     check_edges,
     check_room,
@@ -30,8 +44,8 @@ from .mixed import (
 )
 from .operators import Operators, precomputed_operators
 from .outlines import Loops, crosses, holes_of_loops, loop_points, loops_of, outline_arcs, overlaps
-from .pairs import contact_pairs, node_pairs, pair_slots, tangent_pattern
-from .problem import Problem, check_driven, constraints_of, shared_tangents
+from .pairs import Couplings, all_pairs, couplings, node_pairs, pair_slots, tangent_pattern
+from .problem import Problem, check_driven, constraints_of, shared_tangents, touching_tangents
 from .solvent import (
     FEWEST_PLACES,
     MOMENTS,
@@ -59,6 +73,15 @@ from .solvent_flow import (
     moments,
     places,
     potentials,
+)
+from .surfaces import (
+    closest,
+    crosses_lines,
+    near_pairs,
+    surface_lengths,
+    touched_obstacles,
+    touches,
+    touches_in_program,
 )
 from .volumes import (
     SOFT,
@@ -89,6 +112,8 @@ __all__ = [
     "STIFFNESS",
     "Bath",
     "Carried",
+    "ContactPairs",
+    "Couplings",
     "Equations",
     "FlowRates",
     "Free",
@@ -98,6 +123,7 @@ __all__ = [
     "Operators",
     "Problem",
     "Solvent",
+    "all_pairs",
     "all_volumes",
     "along_sides",
     "at_points",
@@ -117,14 +143,17 @@ __all__ = [
     "constraints_of",
     "contact_energy",
     "contact_force",
-    "contact_pairs",
     "contents",
+    "couplings",
     "crosses",
+    "crosses_lines",
     "curvature",
     "deformation_gradients",
     "deformation_of",
+    "dry_points",
     "edges_of",
     "energy_at",
+    "energy_of_points",
     "factorised_tangent",
     "flow",
     "flow_rates",
@@ -132,6 +161,7 @@ __all__ = [
     "gather",
     "gradients_by_block",
     "group_positions",
+    "has_pairs",
     "held_dofs",
     "hessian_product",
     "holes_of_loops",
@@ -146,6 +176,7 @@ __all__ = [
     "loops_of",
     "mean_stiffness",
     "moments",
+    "near_pairs",
     "network_energy",
     "node_pairs",
     "of_groups",
@@ -173,11 +204,16 @@ __all__ = [
     "state_pressure",
     "step_limit",
     "stiffness_at",
+    "surface_lengths",
+    "surface_points",
     "tangent",
     "tangent_blocks",
     "tangent_pattern",
     "total_energy",
+    "touched_obstacles",
     "touches",
+    "touches_in_program",
+    "touching_tangents",
     "unknowns",
     "volume_law",
     "volume_ratios",
@@ -187,3 +223,5 @@ __all__ = [
     "with_contact",
     "with_free_values",
 ]
+
+__getattr__ = old_names(__name__)

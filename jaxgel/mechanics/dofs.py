@@ -1,8 +1,9 @@
-"""Essential conditions of a plate: which degrees of freedom are free, which move together, and where the others are held.
+"""Essential conditions of a plate: free, coupled and prescribed degrees of freedom.
 
-Degrees of freedom are numbered 2 node + component; `free_dofs` are those that may move, see `Free`. Held ones follow the plate's
-macroscopic deformation and the displacement of their edge, and so do the two sides of a periodic cell relative to each other: a roller
-holds the component normal to its edge, a fixed edge both.
+Degrees of freedom are numbered 2 node + component; `free_dofs` are those that may move, see `Free`.
+Held ones follow the plate's macroscopic deformation and the displacement of their edge, and so do
+the two sides of a periodic cell relative to each other: a roller holds the component normal to its
+edge, a fixed edge both.
 """
 
 import dataclasses
@@ -33,7 +34,9 @@ def free_dofs(topology: Topology) -> Free:
     plate, walls = topology.plate, topology.edge_nodes
     held, first = held_dofs(topology), periodic_images(topology)
     if "periodic" in plate.edges.values():
-        corner = first[walls["left"][0] if plate.edges["left"] == "periodic" else walls["bottom"][0]]
+        corner = first[
+            walls["left"][0] if plate.edges["left"] == "periodic" else walls["bottom"][0]
+        ]
         held[corner, ~held.any(axis=0)] = True  # a periodic cell has its place by convention
         np.logical_or.at(held, first, held)
     else:
@@ -44,14 +47,23 @@ def free_dofs(topology: Topology) -> Free:
     number.ravel()[masters] = np.arange(len(masters))
     unknown = number[first].ravel()
     dofs = np.flatnonzero(unknown >= 0)
-    fields = sp.csr_matrix((np.ones(len(dofs)), (dofs, unknown[dofs])), shape=(held.size, len(masters)))
-    readings = sp.csr_matrix((np.ones(len(masters)), (np.arange(len(masters)), masters)), shape=(len(masters), held.size))
+    fields = sp.csr_matrix(
+        (np.ones(len(dofs)), (dofs, unknown[dofs])), shape=(held.size, len(masters))
+    )
+    readings = sp.csr_matrix(
+        (np.ones(len(masters)), (np.arange(len(masters)), masters)), shape=(len(masters), held.size)
+    )
     if not plate.free_strains:
         return Free.of(masters, fields, readings)
     strains, sides = _strains(topology)
     beyond = sp.csr_matrix(strains.reshape(len(strains), -1))
-    readings = sp.vstack([readings - (readings @ beyond.T) @ sides, sides])  # at a master less what the macroscopic deformation moves it
-    return Free.of(np.append(masters, held.size + np.arange(len(strains))), sp.hstack([fields, beyond.T]).tocsr(), readings.tocsr())
+    # at a master less what the macroscopic deformation moves it
+    readings = sp.vstack([readings - (readings @ beyond.T) @ sides, sides])
+    return Free.of(
+        np.append(masters, held.size + np.arange(len(strains))),
+        sp.hstack([fields, beyond.T]).tocsr(),
+        readings.tocsr(),
+    )
 
 
 def held_dofs(topology: Topology) -> Bool[np.ndarray, "n 2"]:
@@ -72,13 +84,17 @@ def check_edges(plate: Plate) -> None:
     """Raise ValueError, one line, for edges that leave the plate free to slide."""
     held = {component for edge in EDGES for component in held_components(plate.edges, edge)}
     if len(held) < 2 and "periodic" not in plate.edges.values():
-        raise ValueError(f"edges: {_named(plate)} leave the plate free to slide; hold at least one edge normal to each direction")
+        raise ValueError(
+            f"edges: {_named(plate)} leave the plate free to slide; hold at least one edge normal "
+            "to each direction"
+        )
 
 
 def check_room(plate: Plate) -> None:
-    """Raise ValueError, one line, for a plate that fills a closed box: no state has a volume ratio above 1 everywhere.
+    """Raise ValueError, one line, for a plate that fills a closed box: J > 1 is impossible.
 
-    A film may get thicker; the box of a free macroscopic deformation is not closed.
+    No state has a volume ratio above 1 everywhere. A film may get thicker; the box of a free
+    macroscopic deformation is not closed.
     """
     axial = 1.0 if plate.axial_stretch is None else plate.axial_stretch
     if (
@@ -88,16 +104,23 @@ def check_room(plate: Plate) -> None:
         and "free" not in plate.edges.values()
         and not axial * _box_area(plate) > plate.width * plate.height * (1 + 1e-12)
     ):
-        raise ValueError(f"edges: {_named(plate)} leave no room to swell in; add a hole, free an edge or move one outwards")
+        raise ValueError(
+            f"edges: {_named(plate)} leave no room to swell in; add a hole, free an edge or move "
+            "one outwards"
+        )
 
 
 def check_moving(topology: Topology) -> None:
-    """Raise ValueError, one line, for a plate whose edges no control may move: what a hole meets at a held edge is known at rest only."""
+    """Raise ValueError, one line, for a plate whose edges no control may move.
+
+    What a hole meets at a held edge is known at rest only.
+    """
     for outline in topology.outlines:
         for edge in (outline.arc.start_edge, outline.arc.end_edge):
             if edge is not None and topology.plate.edges[edge] != "free":
                 raise Inadmissible(
-                    f"control: a hole is open to the {edge} edge, which is {topology.plate.edges[edge]} and cannot be moved by it"
+                    f"control: a hole is open to the {edge} edge, which is "
+                    f"{topology.plate.edges[edge]} and cannot be moved by it"
                 )
 
 
@@ -106,50 +129,75 @@ def _named(plate):
 
 
 def _box_area(plate):
-    """Area of the rectangle or parallelogram that the plate's edges enclose once they have moved."""
+    """Area of the parallelogram of the plate's edges once they have moved."""
     (w, h), F, by = (plate.width, plate.height), np.array(plate.dry_deformation), plate.displacement
     corners = ("left", "bottom"), ("right", "bottom"), ("left", "top")
-    at = [F @ [w * (side == "right"), h * (end == "top")] + [by[side][0], by[end][1]] for side, end in corners]
+    at = [
+        F @ [w * (side == "right"), h * (end == "top")] + [by[side][0], by[end][1]]
+        for side, end in corners
+    ]
     return float(np.linalg.det([at[1] - at[0], at[2] - at[0]]))
 
 
 def periodic_images(topology: Topology) -> Int[np.ndarray, " n"]:
-    """For each node the node (n,) that stands for it: itself, or its image on the left or bottom edge; ValueError where there is none."""
+    """Master node (n,) of each node: itself, or its image on the left or bottom edge.
+
+    ValueError if there is none.
+    """
     plate, first = topology.plate, np.arange(len(topology.node_vertices))
     nodes = topology.partition.vertices[topology.node_vertices]
     for edge, opposite, along in (("right", "left", 1), ("top", "bottom", 0)):
         if plate.edges[edge] != "periodic":
             continue
         here, there = topology.edge_nodes[edge], topology.edge_nodes[opposite]
-        if len(here) != len(there) or np.abs(nodes[here, along] - nodes[there, along]).max() > 1e-9 * topology.spacing:
-            raise Inadmissible(f"edges: {edge} and {opposite} are periodic but their nodes do not face each other; refine them alike")
+        if (
+            len(here) != len(there)
+            or np.abs(nodes[here, along] - nodes[there, along]).max() > 1e-9 * topology.spacing
+        ):
+            raise Inadmissible(
+                f"edges: {edge} and {opposite} are periodic but their nodes do not face each "
+                "other; refine them alike"
+            )
         first[here] = first[there]
     return first[first]
 
 
 def _strains(topology):
-    """Fields (m, n, 2) of the macroscopic unknowns, and the matrix (m, 2n) that reads these off a nodal field.
+    """Fields (m, n, 2) of the macroscopic unknowns, and the matrix (m, 2n) to read them off.
 
-    A macroscopic unknown is how far a side of the cell moves beyond the opposite one, mm, while the middle of the cell stays where it is:
-    of F11 and F12 = F21 the right edge beyond the left one, of F22 the top beyond the bottom. Its field is 0 but for periodic edges.
+    A macroscopic unknown is how far a side of the cell moves beyond the opposite one, mm, while the
+    middle of the cell stays where it is: of F11 and F12 = F21 the right edge beyond the left one,
+    of F22 the top beyond the bottom. Its field is 0 but for periodic edges.
     """
     plate, walls = topology.plate, topology.edge_nodes
-    sides, beyond = np.array([plate.width, plate.height]), np.zeros((len(topology.node_vertices), 2))
+    sides, beyond = (
+        np.array([plate.width, plate.height]),
+        np.zeros((len(topology.node_vertices), 2)),
+    )
     for axis, (edge, opposite) in enumerate((("right", "left"), ("top", "bottom"))):
         if plate.edges[edge] == "periodic":
-            beyond[walls[edge], axis], beyond[walls[opposite], axis] = sides[axis] / 2, -sides[axis] / 2
+            beyond[walls[edge], axis], beyond[walls[opposite], axis] = (
+                sides[axis] / 2,
+                -sides[axis] / 2,
+            )
     fields, ends = [], []
     for i, j in plate.free_strains:
         F = np.zeros((2, 2))
         F[i, j] = F[j, i] = 1 / sides[i]
         fields.append(beyond @ F)
         ends.append([2 * node + j for node in _period(topology, i)])
-    difference = np.tile([1.0, -1.0], len(ends)), (np.repeat(np.arange(len(ends)), 2), np.ravel(ends))
+    difference = (
+        np.tile([1.0, -1.0], len(ends)),
+        (np.repeat(np.arange(len(ends)), 2), np.ravel(ends)),
+    )
     return np.stack(fields), sp.csr_matrix(difference, shape=(len(ends), beyond.size))
 
 
 def _period(topology, axis):
-    """The nodes at the right and left end of the bottom edge of a cell that is periodic along x, axis 0; along y those of the left edge."""
+    """Right and left end nodes of the bottom edge of a cell periodic along x, axis 0.
+
+    Along y those of the left edge.
+    """
     edge, opposite = (("right", "left"), ("top", "bottom"))[axis]
     return int(topology.edge_nodes[edge][0]), int(topology.edge_nodes[opposite][0])
 
@@ -174,18 +222,29 @@ def periods_of(topology: Topology) -> Periods:
     return Periods(np.array(ends), np.array([plate.width, plate.height], float), np.array(periodic))
 
 
-def deformation_of(x: Float[Array, "n 2"], periods: Periods, held: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
-    """Macroscopic deformation gradient (2, 2) of a plate with the nodal positions ``x`` (n, 2): between the sides of a periodic cell that
-    of the positions, free components included, elsewhere the one that is ``held``.
+def deformation_of(
+    x: Float[Array, "n 2"], periods: Periods, held: Float[Array, "2 2"]
+) -> Float[Array, "2 2"]:
+    """Macroscopic deformation gradient (2, 2) of a plate with nodal positions ``x`` (n, 2).
+
+    It is that of the positions between the sides of a periodic cell, free components included, and
+    elsewhere the one that is ``held``.
     """
     between = (x[periods.ends[:, 0]] - x[periods.ends[:, 1]]) / periods.length[:, None]
     return jnp.where(periods.periodic, between.T, held)
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["deformation", "displacement", "fields"], meta_fields=["at_rest"])
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["deformation", "displacement", "fields"],
+    meta_fields=["at_rest"],
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class Edges:
-    """How the edges of a plate move, and the nodes with them; a pytree. Edges are in the order of ``geometry.EDGES``."""
+    """How the edges of a plate move, and the nodes with them; a pytree.
+
+    Edges are in the order of ``geometry.EDGES``.
+    """
 
     deformation: Float[Array, "2 2"]
     """Macroscopic deformation that they follow."""
@@ -197,21 +256,34 @@ class Edges:
     """Whether they are where they are on the dry plate."""
 
     def positions(self, nodes: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
-        """Nodal positions (n, 2), mm, that satisfy the conditions: the dry ``nodes`` (n, 2) moved with the edges."""
+        """Nodal positions (n, 2), mm, of the conditions: ``nodes`` (n, 2) moved with the edges.
+
+        These are the dry nodes.
+        """
         nodes = nodes if is_traced(nodes, self) else np.asarray(nodes)
         return nodes @ self.deformation.T + (self.fields * self.displacement[:, None]).sum(axis=0)
 
     def moved(self, setting: Setting) -> "Edges":
         """The edges as a setting moves them; those that it does not name as they are."""
         given = setting.displacement or {}
-        displacement = [given.get(edge, own) for edge, own in zip(EDGES, self.displacement, strict=True)]
-        deformation = self.deformation if setting.deformation is None else jnp.asarray(setting.deformation, float)
-        return dataclasses.replace(self, deformation=deformation, displacement=jnp.stack([jnp.asarray(d, float) for d in displacement]))
+        displacement = [
+            given.get(edge, own) for edge, own in zip(EDGES, self.displacement, strict=True)
+        ]
+        deformation = (
+            self.deformation
+            if setting.deformation is None
+            else jnp.asarray(setting.deformation, float)
+        )
+        return dataclasses.replace(
+            self,
+            deformation=deformation,
+            displacement=jnp.stack([jnp.asarray(d, float) for d in displacement]),
+        )
 
 
 @once_per_owner
 def edges_of(topology: Topology, driven: bool = False) -> Edges:
-    """The `Edges` of a plate, which a control moves where they are ``driven``."""
+    """The `Edges` of a plate, which a control moves if they are ``driven``."""
     plate, shape = topology.plate, (len(EDGES), len(topology.node_vertices), 2)
     displacement = np.array([plate.displacement[edge] for edge in EDGES], dtype=float)
     fields = _edge_fields(topology) if driven or displacement.any() else np.zeros(shape)
@@ -219,7 +291,7 @@ def edges_of(topology: Topology, driven: bool = False) -> Edges:
 
 
 def _edge_fields(topology):
-    """Nodal displacements (4, n, 2) for those of the edges, carried inwards by thin-plate splines."""
+    """Nodal displacements (4, n, 2) of edge displacements, continued by thin-plate splines."""
     plate, nodes = topology.plate, topology.partition.vertices[topology.node_vertices]
     fields = np.zeros((len(EDGES), len(nodes), 2))
     for component in range(2):
@@ -227,16 +299,29 @@ def _edge_fields(topology):
         for number, edge in enumerate(EDGES):
             if component in held_components(plate.edges, edge):
                 prescribed |= dict.fromkeys(topology.edge_nodes[edge].tolist(), number)
-        at, by = np.array(list(prescribed), dtype=int), np.array(list(prescribed.values()), dtype=int)
+        at, by = (
+            np.array(list(prescribed), dtype=int),
+            np.array(list(prescribed.values()), dtype=int),
+        )
         if len(at):
-            fields[:, :, component] = _carried(nodes, at, np.equal.outer(by, np.arange(len(EDGES))).astype(float), plate.width).T
+            fields[:, :, component] = _carried(
+                nodes, at, np.equal.outer(by, np.arange(len(EDGES))).astype(float), plate.width
+            ).T
     return fields[:, periodic_images(topology)]
 
 
 def _carried(nodes, at, values, width):
-    """Displacements (n, e) that are ``values`` (a, e) at the nodes ``at``; the first everywhere else where these lie on one line."""
+    """Displacements (n, e) that are ``values`` (a, e) at the nodes ``at``.
+
+    The first everywhere else if these lie on one line.
+    """
     extent = np.ptp(nodes[at], axis=0)
-    flat = extent.min() <= ROUND_OFF * extent.max()  # there is no spline through points of a line; where it cuts holes, to round-off
-    field = np.repeat(values[:1], len(nodes), axis=0) if flat else thin_plate_matrix(nodes[at], nodes, width) @ values
+    # there is no spline through points of a line; if it cuts holes, to round-off
+    flat = extent.min() <= ROUND_OFF * extent.max()
+    field = (
+        np.repeat(values[:1], len(nodes), axis=0)
+        if flat
+        else thin_plate_matrix(nodes[at], nodes, width) @ values
+    )
     field[at] = values
     return field

@@ -1,4 +1,4 @@
-"""The equations of equilibrium as arrays: all that they depend on besides the value of the control."""
+"""The equations of equilibrium as arrays, besides the value of the control."""
 
 import dataclasses
 import functools
@@ -24,7 +24,9 @@ E = TypeVar("E", bound="Equations")  # these, or those of a problem
 PARTS = ("model", "gel", "loads", "control", "operators", "constraints")
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["free", "edges", "nearest"], meta_fields=[])
+@functools.partial(
+    jax.tree_util.register_dataclass, data_fields=["free", "edges", "nearest"], meta_fields=[]
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class Constraints:
     """Which motions of the nodes are possible; a pytree."""
@@ -34,7 +36,10 @@ class Constraints:
     edges: Edges
     """How the edges move."""
     nearest: Int[Array, " n"]
-    """The patch nearest each node, counted block after block: with it the node moves where a design moves the material."""
+    """Patch nearest each node, block after block: the node moves with it if material moves.
+
+    A design moves the material.
+    """
 
 
 @jax.tree_util.register_pytree_with_keys_class
@@ -42,12 +47,12 @@ class Constraints:
 class Equations:
     """All that a state of equilibrium depends on besides the value of the control; a pytree.
 
-    Those of a `Problem` are of its own sizes; its ``shared`` ones, which the compiled programs take, have sizes that similar problems have
-    in common, and know neither plate nor cloud.
+    Those of a `Problem` are of its own sizes; its ``shared`` ones, which the compiled programs
+    take, have sizes that similar problems have in common, and know neither plate nor cloud.
     """
 
     model: Body
-    """Discretised plate, with its self-contact if there is any."""
+    """Discretised plate, with its contact if there is any."""
     gel: LocalGel
     """Material; fields as their values on the model, see `local_gel`."""
     loads: Float[Array, "n 2"]
@@ -55,7 +60,10 @@ class Equations:
     control: Control
     """What drives a sweep."""
     operators: Operators | None
-    """Precomputed operators of the model; None for rates of change, and until they are needed, see `Problem.prepared`."""
+    """Precomputed operators of the model.
+
+    None for rates of change, and until they are needed, see `Problem.prepared`.
+    """
     constraints: Constraints
     """Which motions of the nodes are possible."""
 
@@ -75,22 +83,56 @@ class Equations:
         return made
 
     def replace(self: E, **parts: Any) -> E:
-        """The equations with other ``parts``, which are not checked; TypeError for what is no part."""
+        """The equations with other ``parts``, which are not checked.
+
+        TypeError for what is no part.
+        """
         if not parts.keys() <= set(PARTS):
-            raise TypeError(f"replace: {', '.join(parts.keys() - set(PARTS))} is not one of {', '.join(PARTS)}")
+            raise TypeError(
+                f"replace: {', '.join(parts.keys() - set(PARTS))} is not one of {', '.join(PARTS)}"
+            )
         return self.tree_unflatten(None, [parts.get(name, getattr(self, name)) for name in PARTS])
 
     def at(self: E, value: Chemical) -> tuple[E, Chemical]:
-        """The equations at a ``value`` of the control, driven by the chemical potential from there, and that potential, kT."""
+        """Equations at a ``value`` of the control, driven by mu from there, and that mu, kT."""
         setting = self.control(value, self.gel)
-        gel = self.gel if setting.gel is self.gel else jax.tree.map(lambda v: jnp.asarray(v, dtype=float), setting.gel)
-        loads = self.loads if setting.loads is None else self.loads + resized(jnp.asarray(setting.loads, float), self.loads.shape)
+        gel = (
+            self.gel
+            if setting.gel is self.gel
+            else jax.tree.map(lambda v: jnp.asarray(v, dtype=float), setting.gel)
+        )
+        loads = (
+            self.loads
+            if setting.loads is None
+            else self.loads + resized(jnp.asarray(setting.loads, float), self.loads.shape)
+        )
         operators = self.operators
         if operators is not None and self.changes.stiffness:
-            operators = dataclasses.replace(operators, network=operators.network * (gel.Nv / self.gel.Nv))
-        now = self.replace(gel=gel, loads=loads, operators=operators, control=BY_MU)
-        mu = setting.mu if isinstance(setting.mu, jax.Array) else np.asarray(setting.mu, dtype=float)  # NumPy's is made sooner
+            operators = dataclasses.replace(
+                operators, network=operators.network * (gel.Nv / self.gel.Nv)
+            )
+        now = self.replace(
+            gel=gel,
+            loads=loads,
+            operators=operators,
+            control=BY_MU,
+            model=self._moved_model(setting.obstacles),
+        )
+        # NumPy's is made sooner
+        mu = (
+            setting.mu if isinstance(setting.mu, jax.Array) else np.asarray(setting.mu, dtype=float)
+        )
         return now, mu if mu.ndim == 0 else resized(mu, self.model.carries.shape, edge=True)
+
+    def _moved_model(self, obstacles):
+        """The model with ``obstacles`` displaced, number -> (2,) mm."""
+        contact = self.model.contact
+        if obstacles is None or contact is None:
+            return self.model
+        return dataclasses.replace(
+            self.model,
+            contact=dataclasses.replace(contact, obstacles=contact.obstacles.moved(obstacles)),
+        )
 
     @functools.cached_property
     def changes(self) -> Changes:
@@ -112,12 +154,23 @@ class Equations:
         return self.edges(value).positions(self.model.nodes)
 
     def carried(self, motion: Float[Array, "n 2"], value: Chemical) -> Float[Array, "n 2"]:
-        """What a ``motion`` (n, 2) of the dry nodes prescribes of the deformed ones at a ``value`` of the control, the unknowns at rest."""
+        """Prescribed motion by a ``motion`` (n, 2) of dry nodes at a ``value``; unknowns at rest.
+
+        It is a value of the control.
+        """
         return constrained_part(motion @ self.edges(value).deformation.T, self.free)
 
     def placed(self, x: Float[Array, "n 2"], value: Chemical) -> Float[Array, "n 2"]:
-        """Positions ``x``, mm, with those that the edges prescribe as they are at a ``value`` of the control."""
+        """Positions ``x``, mm, with prescribed ones as at a ``value`` of the control."""
         return _placed(self, x, value) if self.moves_edges else x
+
+    @functools.cached_property
+    def inside(self) -> "Equations":
+        """The equations without outlines and contact, for states without touching surfaces."""
+        contact = self.model.contact
+        if contact is not None and len(contact.pairs) > 0:
+            return self
+        return self.replace(model=dataclasses.replace(self.model, outline=None, contact=None))
 
     @property
     def free(self) -> Free:
@@ -131,7 +184,7 @@ class Equations:
 
     @property
     def has_contact(self) -> bool:
-        """Whether hole boundaries repel each other."""
+        """Whether surfaces that meet are kept apart."""
         return self.model.contact is not None
 
 

@@ -1,6 +1,7 @@
-"""Functions of patches, mapped over the patches of a block or added up; those of padding are left out.
+"""Functions of patches, mapped over a block or summed, without its padding.
 
-The leading axis of arrays and results is that of the patches; numbers among the arrays are the same for all.
+The leading axis of arrays and results is that of the patches; numbers among the arrays are the same
+for all.
 """
 
 from collections.abc import Callable
@@ -15,10 +16,17 @@ from .._types import Array, Int
 TOGETHER = 4  # patches: few enough to stay in the processor's cache
 
 
-def over_patches(function: Callable[..., Any], arrays: tuple, count: Int[Array, ""] | None, *, reverse: bool = True) -> Any:
-    """``function(*arrays)`` of the first ``count`` patches, and 0 for the others; of all of them at once without a count.
+def over_patches(
+    function: Callable[..., Any],
+    arrays: tuple,
+    count: Int[Array, ""] | None,
+    *,
+    reverse: bool = True,
+) -> Any:
+    """``function(*arrays)`` of the first ``count`` patches, and 0 for the others.
 
-    Without a ``reverse`` derivative it takes two thirds of the time.
+    Of all of them at once without a count. Without a ``reverse`` derivative it takes two thirds of
+    the time.
     """
     if count is None:
         return function(*arrays)
@@ -29,7 +37,11 @@ def over_patches(function: Callable[..., Any], arrays: tuple, count: Int[Array, 
     empty = jax.tree.map(lambda s: jnp.zeros((len(leaves[0]), *s.shape[1:]), s.dtype), shapes)
 
     def add(total, first, *some):
-        return jax.tree.map(lambda whole, part: lax.dynamic_update_slice_in_dim(whole, part, first[0], 0), total, of_leaves(*some))
+        return jax.tree.map(
+            lambda whole, part: lax.dynamic_update_slice_in_dim(whole, part, first[0], 0),
+            total,
+            of_leaves(*some),
+        )
 
     return added_over_patches(empty, add, (jnp.arange(len(leaves[0])), *leaves), count)
 
@@ -41,7 +53,12 @@ def _mapped(function, arrays):
 
     def of_mapped(*some):
         own = iter(some)
-        return function(*jax.tree.unflatten(structure, [next(own) if m else leaf for leaf, m in zip(leaves, mapped, strict=True)]))
+        return function(
+            *jax.tree.unflatten(
+                structure,
+                [next(own) if m else leaf for leaf, m in zip(leaves, mapped, strict=True)],
+            )
+        )
 
     return [jnp.asarray(leaf) for leaf, own in zip(leaves, mapped, strict=True) if own], of_mapped
 
@@ -49,7 +66,10 @@ def _mapped(function, arrays):
 def _in_reversible_steps(function, arrays, count):
     """The results by a loop over all patches, which steps over those of padding."""
     parts = [leaf.reshape(-1, TOGETHER, *leaf.shape[1:]) for leaf in arrays]
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(function, *(part[0] for part in parts)))
+    nothing = jax.tree.map(
+        lambda s: jnp.zeros(s.shape, s.dtype),
+        jax.eval_shape(function, *(part[0] for part in parts)),
+    )
 
     def step(_, numbered):
         first, *some = numbered
@@ -59,10 +79,18 @@ def _in_reversible_steps(function, arrays, count):
     return jax.tree.map(lambda v: v.reshape(-1, *v.shape[2:]), found)
 
 
-def added_over_patches(total: Any, add: Callable[..., Any], arrays: tuple, count: Int[Array, ""]) -> Any:
-    """``add(total, *arrays)`` with a few of the first ``count`` patches after the others; it has no reverse derivatives."""
+def added_over_patches(
+    total: Any, add: Callable[..., Any], arrays: tuple, count: Int[Array, ""]
+) -> Any:
+    """``add(total, *arrays)`` with a few of the first ``count`` patches after the others.
+
+    It has no reverse derivatives.
+    """
 
     def step(k: Array, total: Any) -> Any:
-        return add(total, *jax.tree.map(lambda v: lax.dynamic_slice_in_dim(v, k * TOGETHER, TOGETHER), arrays))
+        return add(
+            total,
+            *jax.tree.map(lambda v: lax.dynamic_slice_in_dim(v, k * TOGETHER, TOGETHER), arrays),
+        )
 
     return lax.fori_loop(0, (count + TOGETHER - 1) // TOGETHER, step, total)

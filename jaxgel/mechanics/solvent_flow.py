@@ -1,31 +1,38 @@
 """The flow of solvent through a gel.
 
-Solvent moves down the gradient of mu, see ``materials.transport``. A virtual potential with the values v at places, see `solvent`, gives
+Solvent moves down the gradient of mu, see ``materials.transport``. A virtual potential with the
+values v at places, see `solvent`, gives
 
     sum_a v_a flow_a = integral of grad v . M grad mu,
 
-so that flow_a is what leaves place a for the others, and the sum over all places vanishes. Where mu jumps from one place to the next the
-mobility changes by a multiple. So the gradient is not that of mu but of what mu moves: along the normal of a layer that is held sideways
-the stretch is proportional to the areal stretch A, M to (J - 1) / A^2, and
+so that flow_a is what leaves place a for the others, and the sum over all places vanishes. If mu
+jumps from one place to the next the mobility changes by a multiple. So the gradient is not that of
+mu but of what mu moves: along the normal of a layer that is held sideways the stretch is
+proportional to the areal stretch A, M to (J - 1) / A^2, and
 
     M grad mu = D A^2 F^-1 F^-T grad w,      w = integral of (J - 1) / A^2 dmu,
 
-with the values of w at the places, and A and F at the quadrature point. In a smooth state both are the same.
+with the values of w at the places, and A and F at the quadrature point. In a smooth state both are
+the same.
 
-After mu of a bath has changed it has changed in a layer below the surface that is thinner than the cells, and a gradient between the
-surface and the first group is too small. So a group at the distance d from wetted sides of length l takes up
+After mu of a bath has changed it has changed in a layer below the surface that is thinner than the
+cells, and a gradient between the surface and the first group is too small. So a group at the
+distance d from wetted sides of length l takes up
 
-    l dJ D_m / d (c - 1),      c = sqrt(1 + d^2 / (pi D_m t)),  of a group with a linear pressure  (1 + (d^2 / (pi D_m t))^2)^(1/4),
+    l dJ D_m / d (c - 1),   c = sqrt(1 + d^2 / (pi D_m t)),
 
-besides: what a half-space takes up at the time t after the change, see ``materials.layer_uptake``, over what goes through a layer of that
-thickness. It falls as 1 / t at least, and the finer the cells the sooner.
+or with a linear pressure c = (1 + (d^2 / (pi D_m t))^2)^(1/4), besides: what a half-space takes up
+at the time t after the change, see ``materials.layer_uptake``, over what goes through a layer of
+that thickness. It falls as 1 / t at least, and the finer the cells the sooner.
 
-What such a layer brings to one side of a patch with a linear pressure would dry its other side, if it worked on the linear part of J as it
-does later, and below J = 1 nothing is a state. So after mu of a bath has risen that part of the flow has the share
+What such a layer brings to one side of a patch with a linear pressure would dry its other side, if
+it worked on the linear part of J as it does later, and below J = 1 nothing is a state. So after mu
+of a bath has risen that part of the flow has the share
 
     1 / (1 + (h^2 / (100 D t))^2)
 
-with half the side h of the patch: 1 once the layer is thicker than a few tenths of h, and little before, when J changes alike on the patch.
+with half the side h of the patch: 1 once the layer is thicker than a few tenths of h, and little
+before, when J changes alike on the patch.
 """
 
 import dataclasses
@@ -42,14 +49,23 @@ from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, lay
 from .mixed import Linearisation, pressure_rates
 from .patchwise import over_patches
 from .solvent import MOMENTS, Solvent
-from .volumes import axial_stretch, bare, by_block, cofactors, deformation_gradients, of_groups, volume_law
+from .volumes import (
+    axial_stretch,
+    bare,
+    by_block,
+    cofactors,
+    deformation_gradients,
+    of_groups,
+    volume_law,
+)
 
 POINTS = 4  # of an integral over mu
-THIN = 0.1  # of half the side of a patch: a layer that leaves half of the flow to the linear part of J
+# of half the side of a patch: a layer that leaves half of the flow to the linear part of J
+THIN = 0.1
 
 
 class Bath(NamedTuple):
-    """What the wetted parts of the boundary see; a pytree."""
+    """The bath at the wetted parts of the boundary; a pytree."""
 
     mu: Float[Array, " b"]
     """Chemical potential of each part, kT."""
@@ -60,7 +76,10 @@ class Bath(NamedTuple):
 
 
 def potentials(m: Float[Array, " g"], model: Body) -> Float[Array, " g"]:
-    """Mu (g,) of the volume groups, kT, from its unknowns ``m`` (g,), see `solvent`; of held groups the mean of their patch."""
+    """Mu (g,) of the volume groups, kT, from its unknowns ``m`` (g,), see `solvent`.
+
+    Of held groups the mean of their patch.
+    """
     parts = []
     for block, own in zip(model.blocks, by_block(m, model), strict=True):
         held = jnp.broadcast_to(own[:, :1], (len(own), block.n_groups - block.carrying))
@@ -70,7 +89,10 @@ def potentials(m: Float[Array, " g"], model: Body) -> Float[Array, " g"]:
 
 
 def moments(values: Float[Array, " g"], model: Body) -> Float[Array, " g"]:
-    """Sums (g,) of ``values`` (g,) of the carrying groups that work on the unknowns of mu: the transpose of `potentials`."""
+    """Sums (g,) of ``values`` (g,) by unknowns of mu: transpose of `potentials`.
+
+    The groups carry volume and work on these unknowns.
+    """
     parts = []
     for block, own in zip(model.blocks, by_block(values, model), strict=True):
         sums = own[:, : block.carrying] @ (MOMENTS if block.carrying > 1 else MOMENTS[:1, :1])
@@ -90,12 +112,20 @@ class Carried:
 
 
 def carried(
-    p: Float[Array, " g"], values: Float[Array, " v"], model: Body, gel: LocalGel, solvent: Solvent, *, reverse: bool = False
+    p: Float[Array, " g"],
+    values: Float[Array, " v"],
+    model: Body,
+    gel: LocalGel,
+    solvent: Solvent,
+    *,
+    reverse: bool = False,
 ) -> Carried:
-    """`Carried` at the pressures ``p`` (g,) and mu ``values`` (v,) at places; a patch has its mean pressure and the gel of its first point.
+    """`Carried` at pressures ``p`` (g,) and mu ``values`` (v,) at places, by patch means.
 
-    w is the integral of (J - 1) / A^2 dmu up to each place at the patch's pressure, with A = J over the axial stretch, but for a constant.
-    It is taken over 1 / A, in which it is that of a polynomial if the gel is one of Flory and Rehner: no layer is too steep for it.
+    A patch has its mean pressure and the gel of its first point. w is the integral of (J - 1) / A^2
+    dmu up to each place at the patch's pressure, with A = J over the axial stretch, but for a
+    constant. It is taken over 1 / A, in which it is that of a polynomial if the gel is one of Flory
+    and Rehner: no layer is too steep for it.
     """
     points, weights = np.polynomial.legendre.leggauss(POINTS)
 
@@ -104,32 +134,55 @@ def carried(
         A = law.areal_stretch(p)
         start = jnp.mean(1 / A, axis=1, keepdims=True)
         at = [1 / (start + (1 / A - start) * (1 + point) / 2) for point in points]
-        parts = [weight / 2 * law.swelling(one) * law.stiffness(one) for weight, one in zip(weights, at, strict=True)]
+        parts = [
+            weight / 2 * law.swelling(one) * law.stiffness(one)
+            for weight, one in zip(weights, at, strict=True)
+        ]
         return (start - 1 / A) * sum(parts) / axial_stretch(model), law.swelling(A) / A**2
 
     found = []
-    for number, (block, on_block, pressure) in enumerate(zip(model.blocks, solvent.blocks, by_block(p, model), strict=True)):
+    for number, (block, on_block, pressure) in enumerate(
+        zip(model.blocks, solvent.blocks, by_block(p, model), strict=True)
+    ):
         mean = jnp.mean(pressure[:, : block.carrying], axis=1, keepdims=True)
-        there = jax.tree.map(lambda v, block=block: jnp.broadcast_to(v, block.weight.shape)[:, :1], gel_at_points(gel, number))
-        found.append(over_patches(of_patches, (mean, there, values[on_block.places]), block.count, reverse=reverse))
+        there = jax.tree.map(
+            lambda v, block=block: jnp.broadcast_to(v, block.weight.shape)[:, :1],
+            gel_at_points(gel, number),
+        )
+        found.append(
+            over_patches(
+                of_patches, (mean, there, values[on_block.places]), block.count, reverse=reverse
+            )
+        )
     return Carried(*zip(*found, strict=True))
 
 
 def flow(
-    x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent, D: Scalar, *, reverse: bool = False
+    x: Float[Array, "n 2"],
+    carried: Carried,
+    model: Body,
+    solvent: Solvent,
+    D: Scalar,
+    *,
+    reverse: bool = False,
 ) -> Float[Array, " v"]:
-    """Flow (v,) out of every place, mm^2 per unit of time, that of a layer thinner than the cells left out; linear in ``carried.work``.
+    """Flow (v,) out of every place, mm^2 per unit of time; linear in ``carried.work``.
 
-    It has no ``reverse`` derivatives unless these are asked for, nor has what is ``carried``.
+    That of a layer thinner than the cells is left out. It has no ``reverse`` derivatives unless
+    these are asked for, nor has what is ``carried``.
     """
 
     def leaving(block, on_block, work):
-        flux = jnp.einsum("cqij,cqj->cqi", _metric(x, block, D), jnp.einsum("cqbi,cb->cqi", on_block.dpsi, work))
+        flux = jnp.einsum(
+            "cqij,cqj->cqi", _metric(x, block, D), jnp.einsum("cqbi,cb->cqi", on_block.dpsi, work)
+        )
         return jnp.einsum("cqbi,cqi->cb", on_block.dpsi, flux)
 
     total = jnp.zeros(len(model.carries) + len(solvent.wetting.node_parts))
     for block, on_block, work in zip(model.blocks, solvent.blocks, carried.work, strict=True):
-        total = total.at[on_block.places].add(over_patches(leaving, (bare(block), on_block, work), block.count, reverse=reverse))
+        total = total.at[on_block.places].add(
+            over_patches(leaving, (bare(block), on_block, work), block.count, reverse=reverse)
+        )
     return total
 
 
@@ -137,34 +190,61 @@ class FlowRates(NamedTuple):
     """Derivatives of the `flow`, patch by patch; a pytree."""
 
     by_mu: tuple
-    """Per block (c, b, b), of what leaves each place of a patch by mu at its places, at fixed pressures."""
+    """Per block (c, b, b): derivative of each place's outflow by mu, at fixed pressures.
+
+    Places are those of a patch.
+    """
     by_position: tuple
     """Per block (c, b, a, 2), by the positions of its nodes, with which the pressures change."""
     by_mean: tuple
     """Per block (c, b), by the mean mu of its volume groups, with which the pressures fall."""
     squares: tuple
-    """Per block (c, a, 2, 2, 2), of the mean of F^T F over a patch by the positions of its nodes."""
+    """Per block (c, a, 2, 2, 2): derivative of the patch mean of F^T F by nodal positions."""
 
 
-def flow_rates(x: Float[Array, "n 2"], now: Linearisation, carried: Carried, model: Body, solvent: Solvent, D: Scalar) -> FlowRates:
+def flow_rates(
+    x: Float[Array, "n 2"],
+    now: Linearisation,
+    carried: Carried,
+    model: Body,
+    solvent: Solvent,
+    D: Scalar,
+) -> FlowRates:
     """`FlowRates` of a state with the linearisation ``now``, at which p = l3 (dphi/dJ - mu)."""
 
     def of_patches(block, on_block, work, slope, pressure):
         F, metric = deformation_gradients(x, block), _metric(x, block, D)
-        by_mu = jnp.einsum("cqai,cqij,cqbj->cab", on_block.dpsi, metric, on_block.dpsi) * slope[:, None]
+        by_mu = (
+            jnp.einsum("cqai,cqij,cqbj->cab", on_block.dpsi, metric, on_block.dpsi) * slope[:, None]
+        )
         gradient = jnp.einsum("cqbi,cb->cqi", on_block.dpsi, work)
-        change = D * block.weight[..., None, None, None] * jax.vmap(jax.vmap(jax.jacfwd(_turned)))(F, gradient)
-        by_position = jnp.einsum("cqbi,cqika->cbak", on_block.dpsi, jnp.einsum("cqikl,cqal->cqika", change, block.dphi))
+        change = (
+            D
+            * block.weight[..., None, None, None]
+            * jax.vmap(jax.vmap(jax.jacfwd(_turned)))(F, gradient)
+        )
+        by_position = jnp.einsum(
+            "cqbi,cqika->cbak", on_block.dpsi, jnp.einsum("cqikl,cqal->cqika", change, block.dphi)
+        )
         by_pressure = jnp.sum(by_mu, axis=2)
         by_position += by_pressure[:, :, None, None] * pressure.swapaxes(1, 2)[:, None]
-        half = jnp.einsum("cq,cqai,cqkj->cakij", block.weight, block.dphi, F) / _volumes(block)[..., None, None]
+        half = (
+            jnp.einsum("cq,cqai,cqkj->cakij", block.weight, block.dphi, F)
+            / _volumes(block)[..., None, None]
+        )
         return by_mu, by_position, -by_pressure, half + half.swapaxes(3, 4)
 
     found = []
     pressures = pressure_rates(now, model)
-    for block, on_block, work, slope, rates in zip(model.blocks, solvent.blocks, carried.work, carried.slopes, pressures, strict=True):
+    for block, on_block, work, slope, rates in zip(
+        model.blocks, solvent.blocks, carried.work, carried.slopes, pressures, strict=True
+    ):
         mean = jnp.mean(rates[:, : block.carrying], axis=1) / axial_stretch(model)
-        found.append(over_patches(of_patches, (bare(block), on_block, work, slope, mean), block.count, reverse=False))
+        found.append(
+            over_patches(
+                of_patches, (bare(block), on_block, work, slope, mean), block.count, reverse=False
+            )
+        )
     return FlowRates(*zip(*found, strict=True))
 
 
@@ -175,32 +255,48 @@ def _turned(F, gradient):
 
 
 def _metric(x, block, D):
-    """D A^2 F^-1 F^-T (c, q, 2, 2) at the quadrature points times their weights, with the areal stretch A = det F."""
+    """D A^2 F^-1 F^-T (c, q, 2, 2) times quadrature weights, with areal stretch A = det F."""
     turned = cofactors(deformation_gradients(x, block))
     return block.weight[:, :, None, None] * D * jnp.einsum("cqki,cqkj->cqij", turned, turned)
 
 
-def places(m: Float[Array, " g"], bath: Float[Array, " b"], model: Body, solvent: Solvent) -> Float[Array, " v"]:
+def places(
+    m: Float[Array, " g"], bath: Float[Array, " b"], model: Body, solvent: Solvent
+) -> Float[Array, " v"]:
     """Mu (v,) at all places, kT, from its unknowns and the ``bath`` (b,)."""
     return jnp.concatenate([potentials(m, model), bath[solvent.wetting.node_parts]])
 
 
 def layer_flow(
-    square: Float[Array, " e"], mu: Float[Array, " e"], model: Body, gel: LocalGel, solvent: Solvent, bath: Bath, D: Scalar
+    square: Float[Array, " e"],
+    mu: Float[Array, " e"],
+    model: Body,
+    gel: LocalGel,
+    solvent: Solvent,
+    bath: Bath,
+    D: Scalar,
 ) -> Float[Array, " e"]:
-    """What layers thinner than the cells bring into the groups with wetted sides (e,), mm^2 per unit of time, besides `flow`.
+    """Inflow of layers thinner than the cells into wetted groups (e,), besides `flow`.
 
-    ``square`` (e,) is the square of the stretch along the sides, see `along_sides`, ``mu`` (e,) that of the groups.
+    mm^2 per unit of time; the groups have wetted sides. ``square`` (e,) is the square of the
+    stretch along the sides, see `along_sides`, ``mu`` (e,) that of the groups.
     """
     wet = solvent.wetting
     real = wet.length > 0
-    bath_mu, along = jnp.where(real, bath.mu[wet.group_parts], -1.0), jnp.sqrt(jnp.where(real, square, 1.0))
+    bath_mu, along = (
+        jnp.where(real, bath.mu[wet.group_parts], -1.0),
+        jnp.sqrt(jnp.where(real, square, 1.0)),
+    )
 
     def uptake(mu, bath, along, gel):
         return jnp.stack(layer_uptake(mu, bath, along, gel, model.axial_stretch, D))
 
-    local = jax.tree.map(lambda v: in_wet_groups(v, solvent, 1.0) if jnp.ndim(v) else v, gel_in_groups(gel))
-    change, D_m = elementwise(uptake, jnp.where(real, mu, -1.0), bath_mu, along, local, signature="()->(k)").T
+    local = jax.tree.map(
+        lambda v: in_wet_groups(v, solvent, 1.0) if jnp.ndim(v) else v, gel_in_groups(gel)
+    )
+    change, D_m = elementwise(
+        uptake, jnp.where(real, mu, -1.0), bath_mu, along, local, signature="()->(k)"
+    ).T
     depth = jnp.where(real, wet.depth, 1.0)
     square = (depth * bath.rate[wet.group_parts]) ** 2 / (jnp.pi * D_m)
     excess = jnp.where(wet.linear, _over(jnp.sqrt(1 + square**2)), _over(1 + square))
@@ -208,7 +304,10 @@ def layer_flow(
 
 
 def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[Array, " g"]:
-    """Share (g,) of the flow that works on the unknowns of mu: 1 on those that are means, less on linear parts while layers are thin."""
+    """Share (g,) of the flow on the unknowns of mu: 1 on means, less on linear parts.
+
+    Less while layers are thin.
+    """
     parts = []
     for block, on_block in zip(model.blocks, solvent.blocks, strict=True):
         side = jnp.sum(block.weight, axis=1) / 4 * (THIN * bath.rising[on_block.part]) ** 2 / D
@@ -222,16 +321,23 @@ def _over(square):
     return (square - 1) / (1 + jnp.sqrt(square))
 
 
-def in_wet_groups(values: Float[Array, "g ..."], solvent: Solvent, fill: float) -> Float[Array, "e ..."]:
+def in_wet_groups(
+    values: Float[Array, "g ..."], solvent: Solvent, fill: float
+) -> Float[Array, "e ..."]:
     """Values (e, ...) of the groups with wetted sides; ``fill`` for padding."""
     return values.at[solvent.wetting.groups].get(mode="fill", fill_value=fill)
 
 
 def along_sides(x: Float[Array, "n 2"], model: Body, solvent: Solvent) -> Float[Array, " e"]:
-    """Mean square (e,) of the stretch along the wetted sides of each group that has some; 1 for padding."""
-    blocks = [jnp.broadcast_to(_squares(x, block)[:, None], (*block.groups.shape, 2, 2)) for block in model.blocks]
+    """Mean square (e,) of the stretch along wetted sides of each group; 1 for padding."""
+    blocks = [
+        jnp.broadcast_to(_squares(x, block)[:, None], (*block.groups.shape, 2, 2))
+        for block in model.blocks
+    ]
     wet = solvent.wetting
-    found = jnp.einsum("eij,eij->e", in_wet_groups(of_groups(blocks, model), solvent, 1.0), wet.directions)
+    found = jnp.einsum(
+        "eij,eij->e", in_wet_groups(of_groups(blocks, model), solvent, 1.0), wet.directions
+    )
     return jnp.where(wet.length > 0, found, 1.0)
 
 

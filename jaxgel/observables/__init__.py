@@ -1,6 +1,16 @@
-"""What is read off the states of a path: rotation, hole areas, volume ratios, stresses, surface stretch, gaps, and their table."""
+"""Observables of a path: rotation, areas, volume ratios, stresses, surface stretch, gaps, table."""
 
-from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, deformed_boundary, dry_outlines, free_edge_misfit, outlines
+from .._deprecated import old_names
+from .areas import (
+    area_reduction,
+    area_reduction_per_hole,
+    aspect_ratio,
+    deformed_boundary,
+    dry_outlines,
+    free_edge_misfit,
+    outlines,
+)
+from .contact import contact_pressure, leak_area, obstacle_displacement, obstacle_force
 from .fields import (
     cauchy_stress,
     cell_volumes,
@@ -14,6 +24,7 @@ from .fields import (
     volume_ratio,
 )
 from .gaps import SELF_CONTACT, gap, min_gap
+from .points import deformed_mesh, displacement_at
 from .quantities import (
     BY_COLUMN,
     COLUMNS,
@@ -21,6 +32,7 @@ from .quantities import (
     IN_TIME,
     OF_CELLS,
     OF_EQUILIBRIA,
+    OF_OBSTACLES,
     OF_POSITIONS,
     QUANTITIES,
     Quantity,
@@ -28,9 +40,24 @@ from .quantities import (
     control_quantity,
 )
 from .rotation import core_rotation, is_flat, rotation_angle
-from .solvent import flux_at, inflow, is_in_time, potential_at, solvent_flux, solvent_potential, uptake, uptake_fraction
+from .solvent import (
+    flux_at,
+    inflow,
+    is_in_time,
+    potential_at,
+    solvent_flux,
+    solvent_potential,
+    uptake,
+    uptake_fraction,
+)
 from .states import States, state_at
-from .surface import CREASE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
+from .surface import (
+    CREASE_RATIO,
+    crease_indicator,
+    mean_surface_ratios,
+    surface_ratio,
+    surface_ratios,
+)
 from .table import events, history
 from .times import at_time, time_to
 from .triangles import FIELDS, field_on_triangles, field_values
@@ -45,6 +72,7 @@ __all__ = [
     "IN_TIME",
     "OF_CELLS",
     "OF_EQUILIBRIA",
+    "OF_OBSTACLES",
     "OF_POSITIONS",
     "QUANTITIES",
     "SELF_CONTACT",
@@ -57,11 +85,14 @@ __all__ = [
     "cauchy_stress",
     "cell_volumes",
     "columns_of",
+    "contact_pressure",
     "control_quantity",
     "core_rotation",
     "crease_indicator",
     "deformed_boundary",
+    "deformed_mesh",
     "deformed_vertices",
+    "displacement_at",
     "dry_outlines",
     "events",
     "field_on_triangles",
@@ -74,11 +105,14 @@ __all__ = [
     "inflow",
     "is_flat",
     "is_in_time",
+    "leak_area",
     "macroscopic_deformation",
     "mean_surface_ratios",
     "mean_volume_ratio",
     "membrane_stress",
     "min_gap",
+    "obstacle_displacement",
+    "obstacle_force",
     "outlines",
     "parameter_values",
     "potential_at",
@@ -95,3 +129,5 @@ __all__ = [
     "uptake_fraction",
     "volume_ratio",
 ]
+
+__getattr__ = old_names(__name__)

@@ -1,11 +1,14 @@
-"""Double normals of an outline: straight lines through a hole that meet the surface along its normal at both ends. NumPy, on the host.
+"""Double normals of an outline: lines through a hole, normal to it at both ends.
 
-A double normal is a critical point of the distance between two points of the outline, whatever shape it has: the width of a slit, the minor
-axis of an ellipse, the neck of a hole that closes. The sides of a corner have none. An outline is a polygon (m, 2), anticlockwise with the
-hole inside; at its vertices all directions between the normals of both sides are normal, which makes the shortest double normal of a convex
-hole its width: the smallest distance of two parallel lines between which it lies. To the height of arcs over their chords, it does not
-depend on how many vertices there are. A neck begins where two double normals arise together, so the shortest one may jump there, a little
-earlier if the outline is coarse. Sides along the plate's edge are a wall, as much a surface as the gel's, or open if the edge is free.
+NumPy, on the host. A double normal is a critical point of the distance between two points of the
+outline, whatever shape it has: the width of a slit, the minor axis of an ellipse, the neck of a
+hole that closes. The sides of a corner have none. An outline is a polygon (m, 2), anticlockwise
+with the hole inside; at its vertices all directions between the normals of both sides are normal,
+which makes the shortest double normal of a convex hole its width: the smallest distance of two
+parallel lines between which it lies. To the height of arcs over their chords, it does not depend on
+how many vertices there are. A neck begins where two double normals arise together, so the shortest
+one may jump there, a little earlier if the outline is coarse. Sides along the plate's edge are a
+wall, as much a surface as the gel's, or open if the edge is free.
 """
 
 from typing import NamedTuple
@@ -41,8 +44,13 @@ UNKNOWN = Pair(np.zeros(3, dtype=int), 0.0, np.nan)
 """For an outline whose points are not all finite."""
 
 
-def kinds_of_sides(dry: Float[np.ndarray, "m 2"], edges: Float[np.ndarray, "4 3"]) -> Int[np.ndarray, " m"]:
-    """Kind (m,) of the side after each vertex of a ``dry`` outline (m, 2); ``edges`` has axis, coordinate in mm and kind of each edge."""
+def kinds_of_sides(
+    dry: Float[np.ndarray, "m 2"], edges: Float[np.ndarray, "4 3"]
+) -> Int[np.ndarray, " m"]:
+    """Kind (m,) of the side after each vertex of a ``dry`` outline (m, 2).
+
+    ``edges`` has axis, coordinate in mm and kind of each edge.
+    """
     kinds, tolerance = np.full(len(dry), GEL), ON_EDGE * np.max(np.abs(edges[:, 1]))
     for axis, coordinate, kind in edges:
         lies = np.abs(dry[:, int(axis)] - coordinate) <= tolerance
@@ -51,15 +59,20 @@ def kinds_of_sides(dry: Float[np.ndarray, "m 2"], edges: Float[np.ndarray, "4 3"
 
 
 def shortest_double_normal(outline: Float[np.ndarray, "m 2"], kinds: Int[np.ndarray, " m"]) -> Pair:
-    """The shortest double normal of an ``outline`` (m, 2) through its hole, with an end on gel; `NO_PAIR`, `CROSSING` or `UNKNOWN`."""
+    """The shortest double normal of an ``outline`` (m, 2) through its hole, with an end on gel.
+
+    `NO_PAIR`, `CROSSING` or `UNKNOWN`.
+    """
     if not np.all(np.isfinite(outline)):
         return UNKNOWN
-    kept = np.flatnonzero(np.any(np.roll(outline, -1, axis=0) != outline, axis=1))  # two equal vertices have no side
+    # two equal vertices have no side
+    kept = np.flatnonzero(np.any(np.roll(outline, -1, axis=0) != outline, axis=1))
     points, kinds = outline[kept] - outline[0], kinds[kept]
     sides = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
     if not shapely.multilinestrings(sides[kinds != OPEN]).is_simple:
         return CROSSING
-    surface = shapely.multilinestrings(sides[kinds == GEL])  # no line inside the plate crosses a wall, and one may lie along it
+    # no line inside the plate crosses a wall, and one may lie along it
+    surface = shapely.multilinestrings(sides[kinds == GEL])
     shapely.prepare(surface)
     length, start, end, fraction = _candidates(points, kinds)
     after = (end + 1) % len(points)
@@ -71,7 +84,10 @@ def shortest_double_normal(outline: Float[np.ndarray, "m 2"], kinds: Int[np.ndar
 
 
 def _candidates(points, kinds):
-    """Lengths (c,), vertices (c,), sides (c,) and fractions (c,) along these of all double normals, those through gel included."""
+    """Lengths, vertices, sides and fractions (c,) of all double normals, also through gel.
+
+    Fractions are along the sides.
+    """
     side = np.roll(points, -1, axis=0) - points
     length = np.linalg.norm(side, axis=1)
     tangent = side / length[:, None]
@@ -82,39 +98,73 @@ def _candidates(points, kinds):
     on_surface = on_gel | (kinds == WALL) | (np.roll(kinds, 1) == WALL)
 
     def is_normal(vertex, direction):
-        """Whether directions (c, 2) lie between the normals of the sides at vertices (c,), and in the hole."""
+        """Whether directions (c, 2) lie between the normals at vertices (c,), and in the hole.
+
+        The normals of the sides there.
+        """
         slopes = np.prod([_dot(sides[vertex], direction) for sides in (before, after)], axis=0)
         rises = [_dot(sides[vertex], direction) for sides in normals]
-        inside = np.where(is_convex[vertex], np.minimum(*rises) >= -PERPENDICULAR, np.add(*rises) > 0)
+        inside = np.where(
+            is_convex[vertex], np.minimum(*rises) >= -PERPENDICULAR, np.add(*rises) > 0
+        )
         return (slopes <= PERPENDICULAR**2) & inside
 
     found, round_off = [], PERPENDICULAR * np.max(length)
-    for rows in np.array_split(np.arange(len(points)), -(-len(points) // BLOCK)):  # vertices from which the lines start
+    # vertices from which the lines start
+    for rows in np.array_split(np.arange(len(points)), -(-len(points) // BLOCK)):
         some = points[rows]
         along = some @ tangent.T - _dot(tangent, points)  # of the vertices on each side
         height = some @ inward.T - _dot(inward, points)
-        start, end = np.nonzero((along >= -round_off) & (along <= length + round_off) & (height > 0))
-        vertex, distance, fraction = rows[start], height[start, end], np.clip(along[start, end] / length[end], 0.0, 1.0)
-        holds = (vertex != end) & (vertex != (end + 1) % len(points)) & on_surface[vertex] & (kinds[end] != OPEN)
+        start, end = np.nonzero(
+            (along >= -round_off) & (along <= length + round_off) & (height > 0)
+        )
+        vertex, distance, fraction = (
+            rows[start],
+            height[start, end],
+            np.clip(along[start, end] / length[end], 0.0, 1.0),
+        )
+        holds = (
+            (vertex != end)
+            & (vertex != (end + 1) % len(points))
+            & on_surface[vertex]
+            & (kinds[end] != OPEN)
+        )
         holds &= (on_gel[vertex] | (kinds[end] == GEL)) & is_normal(vertex, -inward[end])
         found.append((distance[holds], vertex[holds], end[holds], fraction[holds]))
 
-        slopes = [direction[rows] @ points.T - _dot(direction[rows], some)[:, None] for direction in (before, after)]
+        slopes = [
+            direction[rows] @ points.T - _dot(direction[rows], some)[:, None]
+            for direction in (before, after)
+        ]
         start, end = np.nonzero(slopes[0] * slopes[1] <= round_off**2)
         vertex, way = rows[start], points[end] - some[start]
         distance = np.linalg.norm(way, axis=1)
-        holds = (vertex < end) & (distance > 0) & on_surface[vertex] & on_surface[end] & (on_gel[vertex] | on_gel[end])
-        vertex, end, distance, way = vertex[holds], end[holds], distance[holds], way[holds] / distance[holds, None]
+        holds = (
+            (vertex < end)
+            & (distance > 0)
+            & on_surface[vertex]
+            & on_surface[end]
+            & (on_gel[vertex] | on_gel[end])
+        )
+        vertex, end, distance, way = (
+            vertex[holds],
+            end[holds],
+            distance[holds],
+            way[holds] / distance[holds, None],
+        )
         holds = is_normal(vertex, way) & is_normal(end, -way)
-        found.append((distance[holds], vertex[holds], end[holds], np.zeros(np.count_nonzero(holds))))
+        found.append(
+            (distance[holds], vertex[holds], end[holds], np.zeros(np.count_nonzero(holds)))
+        )
     return [np.concatenate(parts) for parts in zip(*found, strict=True)]
 
 
 def _tangents(tangent, kinds):
     """Tangents (m, 2) of the surface before and after each vertex.
 
-    At the end of the gel's surface the one goes on as its mirror image at a wall, and along a free edge away from the hole. There the other
-    one is extrapolated by one side, so that half a circle has a mouth, whose surface just meets the free edge at a right angle.
+    At the end of the gel's surface the one goes on as its mirror image at a wall, and along a free
+    edge away from the hole. There the other one is extrapolated by one side, so that half a circle
+    has a mouth, whose surface just meets the free edge at a right angle.
     """
     kind_before, previous = np.roll(kinds, 1), np.roll(tangent, 1, axis=0)
     before, after = previous.copy(), tangent.copy()
@@ -128,7 +178,10 @@ def _tangents(tangent, kinds):
 
 
 def _beyond(gel, edge, kind):
-    """Tangents (e, 2) of what follows the gel's surface, whose last tangents are ``gel``, at a plate's edge with tangents ``edge``."""
+    """Tangents (e, 2) after the gel's surface ``gel`` at a plate's edge with tangents ``edge``.
+
+    ``gel`` are its last tangents.
+    """
     return np.where((kind == WALL)[:, None], gel - 2 * _dot(gel, edge)[:, None] * edge, -edge)
 
 

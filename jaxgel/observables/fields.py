@@ -1,4 +1,7 @@
-"""Fields of a state: volume ratio, stress (kT/v), stretch; and the mean and extreme volume ratio of the cells."""
+"""Fields of a state: volume ratio, stress (kT/v), stretch.
+
+And the mean and extreme volume ratio of the cells.
+"""
 
 import functools
 from collections.abc import Callable
@@ -28,19 +31,38 @@ from ..materials import (
     with_parameters,
 )
 from ..materials import cauchy_stress as cauchy_stress_at
-from ..mechanics import at_points, axial_stretch, by_block, deformation_of, gradients_by_block, periods_of, volume_law, volume_ratios
+from ..mechanics import (
+    at_points,
+    axial_stretch,
+    by_block,
+    deformation_of,
+    gradients_by_block,
+    periods_of,
+    volume_law,
+    volume_ratios,
+)
 from .states import States, of_path, positions_of
 
 
 @of_path
 def volume_ratio(path: States) -> Float[Array, "k c"]:
-    """Volume ratio J of every cell: the mean over the cell of the field, constant or linear, that its patch carries.
+    """Volume ratio J (k, c) of every cell, dimensionless: the mean of its patch's field.
 
-    In a film and in generalised plane strain the areal stretch is that field, and J follows from it and from the ``gel`` and ``mu`` of the
-    path.
+    Arguments:
+
+    - `path`: the `Path` of k states.
+
+    The field is constant or linear on a patch. In a film and in generalised plane strain it is the
+    areal stretch, and J follows from it and from the `gel` and `mu` of the path.
+
+    Example: docs/howto/trust.md.
     """
     cells = cells_of(path.model.lists)
-    return _film_volume_ratio(path.x, path.value, path.problem, cells) if path.model.film else _volume_ratio(path.x, path.model, cells)
+    return (
+        _film_volume_ratio(path.x, path.value, path.problem, cells)
+        if path.model.film
+        else _volume_ratio(path.x, path.model, cells)
+    )
 
 
 @program(x="kn", returns="kc")
@@ -72,8 +94,16 @@ def _areal_stretches(x, model, cells):
 
 @of_path
 def macroscopic_deformation(path: Path) -> Float[Array, "k 2 2"]:
-    """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first: of a periodic cell that of its sides, else the held one."""
-    return _macroscopic_deformation(path.x, path.value, path.problem, periods_of(path.model.lists.topology))
+    """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first, dimensionless.
+
+    Arguments: `path`, the `Path` of k states.
+
+    Returns F of the sides of a periodic cell, else the prescribed one. Example:
+    docs/howto/boundary.md.
+    """
+    return _macroscopic_deformation(
+        path.x, path.value, path.problem, periods_of(path.model.lists.topology)
+    )
 
 
 @program(x="kn")
@@ -84,9 +114,10 @@ def _macroscopic_deformation(x, at, problem, periods):
 
 @of_path
 def membrane_stress(path: Path) -> Float[Array, " k"]:
-    """Smallest principal Cauchy stress (k,) in the plane of a film, kT/v, at the quadrature points; below 0 a thin film wrinkles.
+    """Smallest principal Cauchy stress (k,) in the plane of a film, kT/v, at the quadrature points.
 
-    ValueError in plane strain, where no sheet can give way out of its plane.
+    Below 0 a thin film wrinkles. ValueError in plane strain, in which a sheet cannot deform out of
+    its plane.
     """
     if not path.model.film:
         raise ValueError("membrane_stress: the plate is not in plane stress")
@@ -98,22 +129,39 @@ def membrane_stress(path: Path) -> Float[Array, " k"]:
 def _membrane_stress(x, p, at, problem):
     problem, _ = problem.at(at)
     model, gel, smallest = problem.model, problem.gel, []
-    for number, (block, F) in enumerate(zip(model.blocks, gradients_by_block(x, model), strict=True)):
+    for number, (block, F) in enumerate(
+        zip(model.blocks, gradients_by_block(x, model), strict=True)
+    ):
         pressure = at_points(by_block(p, model)[number], block)
-        sigma = elementwise(_film_stress, F, gel_at_points(gel, number), pressure, signature="(i,j)->(i,j)")
-        mean, half = (sigma[..., 0, 0] + sigma[..., 1, 1]) / 2, (sigma[..., 0, 0] - sigma[..., 1, 1]) / 2
+        sigma = elementwise(
+            _film_stress, F, gel_at_points(gel, number), pressure, signature="(i,j)->(i,j)"
+        )
+        mean, half = (
+            (sigma[..., 0, 0] + sigma[..., 1, 1]) / 2,
+            (sigma[..., 0, 0] - sigma[..., 1, 1]) / 2,
+        )
         square = half**2 + sigma[..., 0, 1] ** 2
         principal = mean - jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-        smallest.append(jnp.min(jnp.where(pressure < 0, principal, jnp.inf)))  # a film's pressure is, but for that of a steep field
+        # a film's pressure is, but for that of a steep field
+        smallest.append(jnp.min(jnp.where(pressure < 0, principal, jnp.inf)))
     return jnp.min(jnp.stack(smallest))
 
 
 @of_path
 def parameter_values(path: Path) -> dict[str, Float[Array, " c"]]:
     """The parameters of the gel that vary over the plate, by name: their means over the cells."""
-    found = {name: part for name, part in named_parameters(path.gel).items() if isinstance(part, LocalValues)}
-    means = _parameter_means(path.problem, tuple(found), cells_of(path.model.lists)) if found else ()
-    return {name: resized(values, (path.model.n_cells,)) for name, values in zip(found, means, strict=True)}
+    found = {
+        name: part
+        for name, part in named_parameters(path.gel).items()
+        if isinstance(part, LocalValues)
+    }
+    means = (
+        _parameter_means(path.problem, tuple(found), cells_of(path.model.lists)) if found else ()
+    )
+    return {
+        name: resized(values, (path.model.n_cells,))
+        for name, values in zip(found, means, strict=True)
+    }
 
 
 @program(static=("names",))
@@ -123,18 +171,27 @@ def _parameter_means(problem, names, cells):
 
 
 def _cell_mean(part, model, volumes, cells):
-    return over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], cells) / volumes
+    return (
+        over_cells(
+            [
+                block.weight * values
+                for block, values in zip(model.blocks, part.points, strict=True)
+            ],
+            cells,
+        )
+        / volumes
+    )
 
 
 @once_per_owner
 def host_volume_ratio(path: States) -> Float[np.ndarray, "k c"]:
-    """`volume_ratio` by NumPy, evaluated once for a path: several columns of the table depend on it."""
+    """`volume_ratio` by NumPy, evaluated once for a path and used by several columns."""
     return np.asarray(volume_ratio(path))
 
 
 @of_path
 def mean_volume_ratio(path: States) -> Float[Array, " k"]:
-    """Mean swelling ratio (k,): that of the volume ratio J of the cells, weighted with their dry volume.
+    """Mean swelling ratio (k,): volume ratio J of the cells, weighted by dry volume.
 
     By NumPy, unless it is differentiated.
     """
@@ -169,16 +226,21 @@ def volumes_of(model: Body, cells: Cells) -> Float[Array, " c"]:
 
 @of_path
 def free_stretch(path: Path) -> Float[Array, " k"]:
-    """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``), and where the gel varies."""
+    """Free-swelling stretch at each mu; nan if there is none, and if the gel varies.
+
+    See ``free_swelling``.
+    """
     if varies(path.gel):
         return jnp.full(len(path.mu), jnp.nan)
     if path.model.film:
         return _at_each(isotropic_swelling, path)
-    return _at_each(lambda mu, gel: free_swelling(mu, gel, path.model.cloud.plate.axial_stretch), path)
+    return _at_each(
+        lambda mu, gel: free_swelling(mu, gel, path.model.cloud.plate.axial_stretch), path
+    )
 
 
 def _at_each(stretch, path):
-    """``stretch(mu, gel)`` (k,) at the states of a path, with the gel that its control gives there."""
+    """``stretch(mu, gel)`` (k,) at the states of a path, with the gel of its control."""
     if not path.problem.changes.gel:
         return stretch(path.mu, path.gel)
     settings = [path.control(value, path.gel) for value in path.value]
@@ -188,7 +250,9 @@ def _at_each(stretch, path):
 @of_path
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
     """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
-    probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
+    probe = make_probe(
+        path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices
+    )
     return positions_of(probe, path)
 
 
@@ -196,13 +260,36 @@ def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
 def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """Cauchy stress (k, n, 3) at the nodes, components xx, yy, xy, kT/v.
 
-    The pressure at a node is the mean over the cells that have the node as a corner of their triangles; on the outline of a region it is
-    the stress inside the region.
+    Arguments:
+
+    - `path`: the `Path` of k states.
+
+    The pressure at a node is the mean over the cells that have the node as a corner of their
+    triangles; on the outline of a region the stress is that inside the region.
+
+    >>> import jaxgel
+    >>> cloud = jaxgel.make_cloud(jaxgel.Plate(1.0, 1.0, edges={"top": "free"}), spacing=0.25)
+    >>> problem = jaxgel.Problem(jaxgel.discretise(cloud), jaxgel.Gel(1e-3, 0.1), contact=False)
+    >>> stress = cauchy_stress(jaxgel.sweep(problem, [-0.4]))
+    >>> bool(abs(stress[..., 1]).max() < 1e-9)  # free to swell along y
+    True
     """
     model = path.model
-    probe = make_probe(model, model.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
+    probe = make_probe(
+        model,
+        model.nodes,
+        model.lists.topology.partition.vertices[model.lists.topology.node_vertices],
+    )
     probe = probe.with_room(len(model.shared.nodes))
-    return _cauchy_stress(path.x, path.pressure, path.value, path.problem, probe, cells_of(model.lists), _cells_of_nodes(model.lists))
+    return _cauchy_stress(
+        path.x,
+        path.pressure,
+        path.value,
+        path.problem,
+        probe,
+        cells_of(model.lists),
+        _cells_of_nodes(model.lists),
+    )
 
 
 @program(x="kn", p="kg", returns="kn")
@@ -217,17 +304,28 @@ def _cauchy_stress(x, p, value, problem, probe, cells, around):
         return jnp.zeros(len(model.nodes)).at[node].add(share * values[cell])
 
     def stress(F, gel, p):
-        return _film_stress(F, gel, p) if model.film else cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
+        return (
+            _film_stress(F, gel, p)
+            if model.film
+            else cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
+        )
 
     F, gel = probe.deformation_gradient(x), _gel_at_nodes(now.gel, model, mean, cells)
-    sigma = elementwise(stress, F, gel, mean(means_over_cells(p, model, cells)), signature="(i,j)->(i,j)")
+    sigma = elementwise(
+        stress, F, gel, mean(means_over_cells(p, model, cells)), signature="(i,j)->(i,j)"
+    )
     return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
 
 def _film_stress(F: Float[Array, "2 2"], gel: LocalGel, p: Scalar) -> Float[Array, "2 2"]:
-    """In-plane Cauchy stress (2, 2) of a film with the pressure ``p`` < 0 of ``materials.laws``; some finite one for others."""
+    """In-plane Cauchy stress (2, 2) of a film with the pressure ``p`` < 0 of ``materials.laws``.
+
+    Some finite one for others.
+    """
     A = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-    return (gel.Nv * F @ F.T / A + p * jnp.eye(2)) / jnp.sqrt(jnp.where(p < 0, -p * A / gel.Nv, 1.0))
+    return (gel.Nv * F @ F.T / A + p * jnp.eye(2)) / jnp.sqrt(
+        jnp.where(p < 0, -p * A / gel.Nv, 1.0)
+    )
 
 
 def _gel_at_nodes(gel: LocalGel, model: Body, mean: Callable, cells: Cells) -> LocalGel:
@@ -247,12 +345,15 @@ def _areal_stretch(x: Float[Array, "n 2"], model: Body, cells: Cells) -> Float[A
 
 def means_over_cells(values: Float[Array, " g"], model: Body, cells: Cells) -> Float[Array, " c"]:
     """Means over the cells of the fields with these values in the volume groups; 0 for padding."""
-    fields = [block.weight * at_points(part, block) for block, part in zip(model.blocks, by_block(values, model), strict=True)]
+    fields = [
+        block.weight * at_points(part, block)
+        for block, part in zip(model.blocks, by_block(values, model), strict=True)
+    ]
     return over_cells(fields, cells) / volumes_of(model, cells)
 
 
 def over_cells(values: list[Float[Array, "_ _"]], cells: Cells) -> Float[Array, " c"]:
-    """Sums over each cell of values at the quadrature points, per block; 0 where a point is padding."""
+    """Sums over each cell of values at the quadrature points, per block; padding is 0."""
     total = jnp.zeros(len(cells.patch))
     for cell, part in zip(cells.of_points, values, strict=True):
         total = total.at[cell].add(part)
@@ -261,12 +362,17 @@ def over_cells(values: list[Float[Array, "_ _"]], cells: Cells) -> Float[Array, 
 
 @once_per_owner
 def _cells_of_nodes(lists: Connectivity) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of a node and a cell around it, see `cauchy_stress`, and one over the number of the node's cells; 0 for padding."""
+    """Pairs of node and cell, see `cauchy_stress`, and one over the node's cells; 0 for padding.
+
+    The cells around it, their number.
+    """
     topology, part = lists.topology, lists.topology.partition
     number = np.full(len(part.vertices), -1)
     number[topology.node_vertices] = np.arange(len(topology.node_vertices))
     corners = number[part.triangles]
-    pairs = np.stack([corners, np.broadcast_to(part.cell_of_triangle[:, None], corners.shape)], axis=-1)[corners >= 0]
+    pairs = np.stack(
+        [corners, np.broadcast_to(part.cell_of_triangle[:, None], corners.shape)], axis=-1
+    )[corners >= 0]
     node_region = topology.regions_at(part.vertices[topology.node_vertices])
     pairs = pairs[node_region[pairs[:, 0]] == part.region_of_cell[pairs[:, 1]]]
     node, cell = np.unique(pairs, axis=0).T

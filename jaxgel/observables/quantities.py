@@ -1,4 +1,4 @@
-"""The one table of a path's quantities: function, unit, label, digits and column; tables, figures, files and studies derive from it."""
+"""Table of a path's quantities: function, unit, label, digits and column, for figures and files."""
 
 import dataclasses
 from collections.abc import Callable
@@ -14,6 +14,7 @@ from ..equilibrium import Change
 from ..geometry import Plate
 from ..transient import Time
 from .areas import area_reduction
+from .contact import leak_area, total_obstacle_force
 from .fields import free_stretch, host_volume_ratio, macroscopic_deformation, mean_volume_ratio
 from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
@@ -51,11 +52,19 @@ class Quantity:
     studied: bool = False
     """Whether design studies take it; ``function`` is differentiable then."""
     plotted: tuple[str, str] | None = None
-    """The figure of curves that shows it, see `plotting.CURVES`, and its words in the legend; None for none."""
+    """The figure of curves that shows it, see `plotting.CURVES`, and its words in the legend.
+
+    None for none.
+    """
     viewed: bool = False
     """Whether the page of a run shows its curve."""
     of_cells: bool = False
-    """Whether only the tables of periodic cells with a free macroscopic deformation have its ``column``."""
+    """Whether a ``column`` is that of periodic cells with free macroscopic deformation.
+
+    Only their tables have it.
+    """
+    of_obstacles: bool = False
+    """Whether only the tables of plates with obstacles have its ``column``."""
     in_time: bool = False
     """Whether only transient swelling has it."""
     mirrored: bool = False
@@ -72,14 +81,23 @@ class Quantity:
         return "%" if self.percent else "" if self.unit == "1" else self.unit
 
     def shown_unit(self, length: str = "mm") -> str:
-        """Unit as a figure writes it, "" for a pure number; ``length`` is the plate's unit of length."""
+        """Unit as a figure writes it, "" for a pure number.
+
+        ``length`` is the plate's unit of length.
+        """
         area = f"{length}²" if " " not in length else f"({length})²"
         return (
             "%"
             if self.percent
-            else {"": "", "1": "", "kT": "$kT$", "degree": "°", "mm": length, "mm2": area, "kT/v mm2": f"kT/v {area}"}.get(
-                self.unit, self.unit
-            )
+            else {
+                "": "",
+                "1": "",
+                "kT": "$kT$",
+                "degree": "°",
+                "mm": length,
+                "mm2": area,
+                "kT/v mm2": f"kT/v {area}",
+            }.get(self.unit, self.unit)
         )
 
     def axis_label(self, length: str = "mm") -> str:
@@ -89,7 +107,9 @@ class Quantity:
 
     def plain_label(self, length: str = "mm") -> str:
         """`axis_label` as plain text."""
-        return self.axis_label(length).replace(r"$\mu$", "μ").replace(r"$\chi$", "χ").replace("$", "")
+        return (
+            self.axis_label(length).replace(r"$\mu$", "μ").replace(r"$\chi$", "χ").replace("$", "")
+        )
 
     def shown(self, value: Any) -> str:
         """One value as people read it, without its unit."""
@@ -107,7 +127,10 @@ def _macroscopic(i, j):
     def component(path: Any) -> Shaped[Array, " k"]:
         return macroscopic_deformation(path)[:, i, j]
 
-    label, text = f"macroscopic deformation $F_{{{i + 1}{j + 1}}}$", f"component {i + 1}{j + 1} of the macroscopic deformation gradient"
+    label, text = (
+        f"macroscopic deformation $F_{{{i + 1}{j + 1}}}$",
+        f"component {i + 1}{j + 1} of the macroscopic deformation gradient",
+    )
     options = dict(differentiable=True, column=name, of_cells=True, studied=True, mirrored=i != j)
     return Quantity(name, component, "1", label, text, ".4f", **options)
 
@@ -131,13 +154,61 @@ _STUDIED: dict[str, Any] = dict(differentiable=True, studied=True)
 _SEEN: dict[str, Any] = _STUDIED | dict(viewed=True)
 
 _TABLE = (
-    _column("mu", attrgetter("mu"), "kT", r"chemical potential $\mu$", "chemical potential of the solvent", ".4f"),
-    _column("free_stretch", free_stretch, "1", "free-swelling stretch", "in-plane stretch of the freely swelling gel", ".4f"),
-    _column("status", status_texts, "", "status", "what happened on the way to the state", "", kind=str),
-    _column("switched", reasons, "", "change of branch", "why it does not continue the states before", "", kind=str),
-    _column("newton_iterations", attrgetter("newton_iterations"), "1", "Newton iterations", "number of Newton corrections", "d", kind=int),
-    _column("residual", attrgetter("residual"), "1", "residual", "residual over the forces of the network", ".1e"),
-    _column("energy", attrgetter("energy"), "kT/v mm2", "energy", "total energy", ".6g", differentiable=True, viewed=True),
+    _column(
+        "mu",
+        attrgetter("mu"),
+        "kT",
+        r"chemical potential $\mu$",
+        "chemical potential of the solvent",
+        ".4f",
+    ),
+    _column(
+        "free_stretch",
+        free_stretch,
+        "1",
+        "free-swelling stretch",
+        "in-plane stretch of the freely swelling gel",
+        ".4f",
+    ),
+    _column(
+        "status", status_texts, "", "status", "what happened on the way to the state", "", kind=str
+    ),
+    _column(
+        "switched",
+        reasons,
+        "",
+        "change of branch",
+        "why it does not continue the states before",
+        "",
+        kind=str,
+    ),
+    _column(
+        "newton_iterations",
+        attrgetter("newton_iterations"),
+        "1",
+        "Newton iterations",
+        "number of Newton corrections",
+        "d",
+        kind=int,
+    ),
+    _column(
+        "residual",
+        attrgetter("residual"),
+        "1",
+        "residual",
+        "residual over the forces of the network",
+        ".1e",
+    ),
+    _column(
+        "energy",
+        attrgetter("energy"),
+        "kT/v mm2",
+        "energy",
+        "total energy",
+        ".6g",
+        differentiable=True,
+        viewed=True,
+    ),
     _column(
         "J_min",
         lambda path: host_volume_ratio(path).min(axis=1),
@@ -147,14 +218,26 @@ _TABLE = (
         ".4f",
     ),
     _column(
-        "J_max", lambda path: host_volume_ratio(path).max(axis=1), "1", "largest volume ratio $J$", "largest volume ratio of a cell", ".4f"
+        "J_max",
+        lambda path: host_volume_ratio(path).max(axis=1),
+        "1",
+        "largest volume ratio $J$",
+        "largest volume ratio of a cell",
+        ".4f",
     ),
     _column(
         *("J_mean", mean_volume_ratio, "1", "mean volume ratio $J$", "mean volume ratio", ".4f"),
         **dict(differentiable=True, plotted=("J", "mean"), viewed=True),
     ),
     _column(
-        *("area_reduction", area_reduction, "1", "area reduction", "reduction of the area of the holes", ".3f"),
+        *(
+            "area_reduction",
+            area_reduction,
+            "1",
+            "area reduction",
+            "reduction of the area of the holes",
+            ".3f",
+        ),
         **_SEEN | dict(percent=True, plotted=("area_reduction", "all holes")),
     ),
     _column(
@@ -176,11 +259,26 @@ _TABLE = (
         **_SEEN | dict(recorded="lowest_eigenvalue"),
     ),
     _column(
-        *("min_gap", min_gap_once, "mm", "smallest gap", "smallest gap between the sides of a hole", ".3f"),
+        *(
+            "min_gap",
+            min_gap_once,
+            "mm",
+            "smallest gap",
+            "smallest gap between the sides of a hole",
+            ".3f",
+        ),
         plotted=("min_gap", "within a hole"),
         viewed=True,
     ),
-    Quantity("gap", gap, "mm", "smallest gap", "smallest gap between the sides of a hole, with derivatives", ".3f", **_STUDIED),
+    Quantity(
+        "gap",
+        gap,
+        "mm",
+        "smallest gap",
+        "smallest gap between the sides of a hole, with derivatives",
+        ".3f",
+        **_STUDIED,
+    ),
     _column(
         *("surface_ratio", surface_ratio, "1", "surface stretch ratio"),
         "largest ratio of normal to tangential stretch along the outlines",
@@ -198,8 +296,37 @@ _TABLE = (
     ),
     *(_macroscopic(i, j) for i, j in ((0, 0), (1, 1), (0, 1))),
     _column(
-        *("uptake", _uptake, "mm2", "solvent taken up", "solvent that has come in through wetted boundary", ".4g"),
-        **dict(differentiable=True, plotted=("uptake", "all wetted parts"), viewed=True, in_time=True),
+        *(
+            "obstacle_force",
+            total_obstacle_force,
+            "kT/v mm",
+            "force on obstacles",
+            "sum of the magnitudes of the forces on all obstacles",
+        ),
+        **_SEEN | dict(plotted=("obstacle_force", "all obstacles"), of_obstacles=True),
+    ),
+    _column(
+        *(
+            "leak_area",
+            leak_area,
+            "mm",
+            "open area beside obstacles per depth",
+            "open area between the gel and the obstacles, per depth",
+        ),
+        **_SEEN | dict(plotted=("leak_area", "all obstacles"), of_obstacles=True),
+    ),
+    _column(
+        *(
+            "uptake",
+            _uptake,
+            "mm2",
+            "solvent taken up",
+            "solvent that has come in through wetted boundary",
+            ".4g",
+        ),
+        **dict(
+            differentiable=True, plotted=("uptake", "all wetted parts"), viewed=True, in_time=True
+        ),
     ),
 )
 
@@ -207,28 +334,48 @@ QUANTITIES = {quantity.name: quantity for quantity in _TABLE}
 """Name -> `Quantity`."""
 BY_COLUMN = {quantity.column: quantity for quantity in _TABLE if quantity.column}
 """Column of ``history.csv`` -> its `Quantity`, in the order of the columns."""
-COLUMNS = tuple(column for column, quantity in BY_COLUMN.items() if not (quantity.of_cells or quantity.in_time))
+COLUMNS = tuple(
+    column
+    for column, quantity in BY_COLUMN.items()
+    if not (quantity.of_cells or quantity.of_obstacles or quantity.in_time)
+)
 """Columns of ``history.csv`` of every plate, in order."""
 OF_CELLS = tuple(column for column, quantity in BY_COLUMN.items() if quantity.of_cells)
 """Those that follow for a periodic cell with a free macroscopic deformation."""
+OF_OBSTACLES = tuple(column for column, quantity in BY_COLUMN.items() if quantity.of_obstacles)
+"""Those that follow for a plate with obstacles."""
 IN_TIME = tuple(column for column, quantity in BY_COLUMN.items() if quantity.in_time)
 """Those that follow for transient swelling."""
-_SOLVED = ("mu", "energy", "residual", "newton_iterations", "negative_pivots", "lowest_eigenvalue")
-OF_POSITIONS = tuple(
-    name for name, quantity in QUANTITIES.items() if quantity.kind is not str and name not in _SOLVED and not quantity.in_time
+_SOLVED = (
+    "mu",
+    "obstacle_force",
+    "energy",
+    "residual",
+    "newton_iterations",
+    "negative_pivots",
+    "lowest_eigenvalue",
 )
-"""Quantities that need nothing of a state but its positions, pressures and control: limits of stability have them, too."""
+OF_POSITIONS = tuple(
+    name
+    for name, quantity in QUANTITIES.items()
+    if quantity.kind is not str and name not in _SOLVED and not quantity.in_time
+)
+"""Quantities of positions, pressures and control alone, also of limits of stability."""
 
 
 def columns_of(plate: Plate, control: str = "mu") -> tuple[str, ...]:
-    """Columns of ``history.csv`` of a plate, in order, under a control of that name: another than mu comes first."""
+    """Columns of ``history.csv`` of a plate, in order; a control other than mu comes first.
+
+    It has that name.
+    """
     own = (*COLUMNS, *OF_CELLS) if plate.free_strains else COLUMNS
+    own = (*own, *OF_OBSTACLES) if plate.obstacles else own
     own = (*own, *IN_TIME) if control == Time.name else own
     return tuple(dict.fromkeys((control, *own)))
 
 
 CURVES = {quantity.name: quantity.function for quantity in _TABLE if quantity.studied}
-"""Quantities that design studies take: name -> differentiable function of a path, with (k,) values."""
+"""Quantities of design studies: name -> differentiable function of a path, (k,) values."""
 OF_EQUILIBRIA = ("lowest_eigenvalue",)
 """Those that states of transient swelling do not have."""
 
@@ -242,7 +389,11 @@ def control_quantity(name: str = "mu", unit: str = "kT") -> Quantity:
     if name == "mu":
         return QUANTITIES["mu"]
     if name == Time.name:
-        return Quantity(name, attrgetter("value"), unit or "1", "time $t$", "time", ".3g", column=name)
+        return Quantity(
+            name, attrgetter("value"), unit or "1", "time $t$", "time", ".3g", column=name
+        )
     kind = CONTROLS.get(name)
-    label, text, digits = (kind.label, kind.text, kind.digits) if kind else (name, f"control {name}", ".5g")
+    label, text, digits = (
+        (kind.label, kind.text, kind.digits) if kind else (name, f"control {name}", ".5g")
+    )
     return Quantity(name, attrgetter("value"), unit or "1", label, text, digits, column=name)

@@ -1,4 +1,4 @@
-"""Quantities of transient swelling at times between the states of a path, and the times at which they reach a value."""
+"""Quantities of transient swelling between states, and times at which they reach a value."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,15 +18,23 @@ NAMES = [name for name, quantity in QUANTITIES.items() if quantity.kind is not s
 
 
 @of_path
-def at_time(path: Path, quantity: Values, t: Scalar | Sequence[float] | Float[Array, " p"]) -> Float[Array, "..."]:
-    """Values () at a time ``t``, or (p,) at several, of a quantity of transient swelling.
+def at_time(
+    path: Path, quantity: Values, t: Scalar | Sequence[float] | Float[Array, " p"]
+) -> Float[Array, "..."]:
+    """Values () at a time, or (p,) at several, of a quantity of transient swelling.
 
-    ``quantity`` is a name in ``observables.QUANTITIES``, in the unit there, a function of the path,
-    or an array with a row for every state, whose further axes stay. The interpolation is cubic
-    through four states, in the logarithm of the time since the last kink of the bath; in the first
-    two intervals after a kink, time 0 included, in the root of that time.
+    Arguments:
 
-    ValueError for a time beyond the states, nan if it is traced; and for states of equilibrium.
+    - `path`: the `Path` of `swell`.
+    - `quantity`: a name in `observables.QUANTITIES`, in the unit there, a function of the path, or
+      an array with a row for every state, whose further axes are preserved.
+    - `t` () or (p,): the times, in the unit of time of `swell`.
+
+    The interpolation is cubic through four states, in the logarithm of the time since the last kink
+    of the bath; in the first two intervals after a kink, time 0 included, in the root of that time.
+
+    Raises `ValueError` for a time beyond the states (nan if it is traced), for an unknown quantity,
+    and for equilibrium states.
 
     >>> import jaxgel
     >>> plate = jaxgel.Plate(1.0, 1.0, edges={"top": "free"})
@@ -45,19 +53,30 @@ def at_time(path: Path, quantity: Values, t: Scalar | Sequence[float] | Float[Ar
     if not is_traced(beyond) and beyond.any():
         first, last = float(times[0]), float(times[-1])
         wrong = float(jnp.ravel(t)[beyond][0])
-        raise ValueError(f"t: {wrong:g} is beyond the path, which runs from {first:g} to {last:g}; give a time within")
+        raise ValueError(
+            f"t: {wrong:g} is beyond the path, which runs from {first:g} to {last:g}; give a time "
+            "within"
+        )
     return result.reshape(*t.shape, *values.shape[1:])
 
 
 @of_path
 def time_to(path: Path, quantity: Values, value: Scalar) -> Float[Array, ""]:
-    """Time () at which a quantity of transient swelling first reaches a ``value``.
+    """Time () at which a quantity of transient swelling first reaches a value.
 
-    ``quantity`` is as in `at_time`, with one number for each state; ``value`` is in its unit. The
-    time is the root of the interpolation of `at_time` between the first state that has reached the
-    value, from above or below, and the state before. It has derivatives with respect to both.
+    Arguments:
 
-    ValueError if no state reaches the value; nan if it is traced.
+    - `path`: the `Path` of `swell`.
+    - `quantity`: as in `at_time`, with one number for each state.
+    - `value` (): in the unit of `quantity`.
+
+    Returns the root of the interpolation of `at_time` between the first state that has reached the
+    value, from above or below, and the state before, in the unit of time of `swell`. It has
+    derivatives with respect to `quantity` and `value`.
+
+    Raises `ValueError` if no state reaches the value (nan if it is traced), and as `at_time`.
+
+    Example: in `at_time`, and docs/howto/time.md.
     """
     values = _checked(path, quantity)
     if values.ndim != 1:
@@ -82,5 +101,8 @@ def _checked(path, quantity):
         quantity = QUANTITIES[quantity].function
     values = jnp.asarray(quantity(path) if callable(quantity) else quantity, dtype=float)
     if values.shape[:1] != (len(path),) or len(path) < 2:
-        raise ValueError(f"quantity: has the shape {values.shape}, it must have a row for each of {len(path)} states, at least two")
+        raise ValueError(
+            f"quantity: has the shape {values.shape}, it must have a row for each of {len(path)} "
+            "states, at least two"
+        )
     return values

@@ -1,5 +1,6 @@
-"""The table and figures of Deng et al. (2020) computed again, with a report."""
+"""Table and figures of Deng et al. (2020) reproduced, with a report."""
 
+from .._deprecated import old_names
 from .items import FINITE_ELEMENTS
 from .least_squares import KINDS, cubic_spline_weight, shape_functions
 from .newton import SchemePath, equilibria, scheme_path
@@ -25,3 +26,5 @@ __all__ = [
     "shape_functions",
     "voigt",
 ]
+
+__getattr__ = old_names(__name__)

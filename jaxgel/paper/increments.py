@@ -1,11 +1,13 @@
-"""The paper's own algorithm: increments of the displacement u' from the freely swollen plate C_mu, Deng et al. (2020), Eqs. (41)-(58).
+"""The paper's algorithm: increments u' from the freely swollen plate C_mu, Eqs. (41)-(58).
 
-At each mu the dry plate swells freely by l_mu, x' = l_mu X, and its rollers are then brought back, u' = (1 - l_mu) X, while
+Deng et al. (2020). At each mu the dry plate swells freely by l_mu, x' = l_mu X, and its rollers are
+then brought back, u' = (1 - l_mu) X, while
 
     (K_L0 + K_L1 + K_NL) du' = f_1 - f_2
 
-is solved until f_1 = f_2. Stress S and tangent D are those of Eqs. (6)-(9), J is taken at every quadrature point. In C_mu gradients are
-divided by l_mu and areas multiplied by J_mu = l_mu^2. Index letters as in ``scheme``.
+is solved until f_1 = f_2. Stress S and tangent D are those of Eqs. (6)-(9), J is taken at every
+quadrature point. In C_mu gradients are divided by l_mu and areas multiplied by J_mu = l_mu^2. Index
+letters as in ``scheme``.
 """
 
 import dataclasses
@@ -28,7 +30,10 @@ LEAST_SHARE = 1 / 64  # of an increment, or of the way of the rollers
 
 
 def incremented(scheme: Scheme, gel: Gel, mu: float, start: Float[Array, "n 2"] | None) -> State:
-    """`State` at ``mu`` from nodal values ``start`` of another state, or from free swelling where that is None."""
+    """`State` at ``mu`` from nodal values ``start``, or from free swelling if None.
+
+    They are those of another state.
+    """
     swollen = float(free_swelling(mu, gel)) * np.asarray(scheme.cloud.nodes)
     if start is None:
         found, matrix = _pushed_back(scheme, gel, mu)
@@ -36,11 +41,13 @@ def incremented(scheme: Scheme, gel: Gel, mu: float, start: Float[Array, "n 2"] 
         found, matrix = _incremented(scheme, gel, mu, np.asarray(start) - swollen, 1.0)
     x = swollen + found.x
     stability = Stability(negative_eigenvalues(matrix)) if found.status.ok else None
-    return dataclasses.replace(found, x=x, energy=float(scheme_energy(x, scheme.cells, gel, mu)), stability=stability)
+    return dataclasses.replace(
+        found, x=x, energy=float(scheme_energy(x, scheme.cells, gel, mu)), stability=stability
+    )
 
 
 def _pushed_back(scheme, gel, mu):
-    """`_incremented` with rollers that return from the freely swollen plate's edges to their place, in one go or in parts."""
+    """`_incremented` with rollers moved back from the freely swollen edges, at once or in parts."""
     u, share, part, spent = np.zeros(scheme.cloud.nodes.shape), 0.0, 1.0, 0
     while True:
         found, matrix = _incremented(scheme, gel, mu, u, min(1.0, share + part))
@@ -54,9 +61,10 @@ def _pushed_back(scheme, gel, mu):
 
 
 def _incremented(scheme, gel, mu, u, share) -> tuple[State, sp.csr_array | None]:
-    """`State` whose ``x`` is u' (n, 2), with u' = share (1 - l) X on the rollers, and the last free-free matrix (f, f).
+    """`State` whose ``x`` is u' (n, 2), u' = share (1 - l) X on rollers, and last matrix (f, f).
 
-    Increments du', Eq. (57), are shortened so that every volume ratio stays above 1.
+    That is the free-free one. Increments du', Eq. (57), are shortened so that every volume ratio
+    stays above 1.
     """
     dry, free, stretch = np.asarray(scheme.cloud.nodes), scheme.free, float(free_swelling(mu, gel))
     held, matrix, iteration, status = np.setdiff1d(np.arange(dry.size), free), None, 0, None
@@ -74,15 +82,30 @@ def _incremented(scheme, gel, mu, u, share) -> tuple[State, sp.csr_array | None]
         elif status is None and iteration >= NEWTON.max_iterations:
             status = Status.NOT_CONVERGED
         if status is not None:
-            return State(float(mu), float(mu), u, np.zeros(0), status, newton_iterations=iteration, residual=size), matrix
-        K, du, part, before = assembled(matrices, scheme.cells, len(u)), np.zeros(u.size), 1.0, least
+            return State(
+                float(mu),
+                float(mu),
+                u,
+                np.zeros(0),
+                status,
+                newton_iterations=iteration,
+                residual=size,
+            ), matrix
+        K, du, part, before = (
+            assembled(matrices, scheme.cells, len(u)),
+            np.zeros(u.size),
+            1.0,
+            least,
+        )
         matrix, du[held] = K[free][:, free], missing
         try:
             du[free] = solved(matrix, residual[free] - K[free][:, held] @ missing)
         except SingularTangent:
             status = Status.SINGULAR
             continue
-        while (least := _least_swelling(u + part * du.reshape(u.shape), stretch, scheme)) <= MARGIN * before and part > LEAST_SHARE:
+        while (
+            least := _least_swelling(u + part * du.reshape(u.shape), stretch, scheme)
+        ) <= MARGIN * before and part > LEAST_SHARE:
             part /= 2
         u, iteration = u + part * du.reshape(u.shape), iteration + 1
 
@@ -96,30 +119,46 @@ def _least_swelling(u, stretch, scheme):
 def cell_matrices(
     u: Float[Array, "n 2"], stretch: Scalar, mu: Scalar, cells: Cells, gel: Gel
 ) -> tuple[Float[Array, "c A A"], Float[Array, "n 2"], Float[Array, ""]]:
-    """Matrices K_L0 + K_L1 + K_NL (c, 2 a, 2 a) of all cells, f_2 (n, 2), and the norm of the network's part of it."""
+    """Matrices K_L0 + K_L1 + K_NL (c, 2 a, 2 a), f_2 (n, 2), and its network part's norm."""
     phi, weight = cells.dphi / stretch, cells.weight * stretch**2  # in C_mu
     L = deformation_gradients(u, cells) / stretch  # L_ij = du'_i / dX_j
     parts = jax.vmap(jax.vmap(lambda phi, L: _point(phi, L, mu, gel)))(phi, L)
     K, f_2, network = (jnp.einsum("cq,cq...->c...", weight, part) for part in parts)
-    force, network = (jnp.zeros_like(u).at[cells.nodes].add(part.reshape(*cells.nodes.shape, 2)) for part in (f_2, network))
+    force, network = (
+        jnp.zeros_like(u).at[cells.nodes].add(part.reshape(*cells.nodes.shape, 2))
+        for part in (f_2, network)
+    )
     return K, force, jnp.linalg.norm(network)
 
 
 def _point(phi, L, mu, gel):
-    """Integrands at one point: of K (2 a, 2 a), Eqs. (47)-(49), of f_2 (2 a,), Eq. (51), and its network part."""
+    """Integrands at a point: K, Eqs. (47)-(49), f_2, Eq. (51), and its network part.
+
+    K is (2 a, 2 a), the others are (2 a,).
+    """
     F = jnp.eye(2) + L
     G = F.T @ F
     S, D = paper_stress(G, mu, gel), voigt(paper_tangent(G, mu, gel))
     B_L0, B_L1, B = strain_matrices(phi, L)
     S_hat = jnp.kron(jnp.eye(2), S)  # Eq. (55)
     K_NL = B.T @ S_hat @ B
-    K_L = (B_L0 + B_L1).T @ D @ (B_L0 + B_L1)  # K_L0 + K_L1, the three products of Eq. (48) included
+    # K_L0 + K_L1, the three products of Eq. (48) included
+    K_L = (B_L0 + B_L1).T @ D @ (B_L0 + B_L1)
     S_vector = jnp.stack([S[0, 0], S[1, 1], S[0, 1]])  # Eq. (56)
-    return K_L + K_NL, (B_L0 + B_L1).T @ S_vector, (B_L0 + B_L1).T @ (gel.Nv * jnp.array([1.0, 1.0, 0.0]))
+    return (
+        K_L + K_NL,
+        (B_L0 + B_L1).T @ S_vector,
+        (B_L0 + B_L1).T @ (gel.Nv * jnp.array([1.0, 1.0, 0.0])),
+    )
 
 
-def strain_matrices(phi: Inexact[Array, "a 2"], L: Float[Array, "2 2"]) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """B_L0 (3, 2 a), B_L1 (3, 2 a) and B (4, 2 a), Eqs. (52)-(54), of shape function gradients (a, 2), real or complex, and L (2, 2)."""
+def strain_matrices(
+    phi: Inexact[Array, "a 2"], L: Float[Array, "2 2"]
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """B_L0 (3, 2 a), B_L1 (3, 2 a), B (4, 2 a), Eqs. (52)-(54), of gradients (a, 2), L (2, 2).
+
+    Shape function gradients are real or complex.
+    """
     r1, r2, i1, i2 = phi[:, 0].real, phi[:, 1].real, phi[:, 0].imag, phi[:, 1].imag
 
     def rows(first, second):

@@ -1,4 +1,4 @@
-"""What the items of the paper's comparison have in common: entries of the report, and sweeps that several items share.
+"""Shared parts of the paper's comparison: entries of the report, and sweeps of several items.
 
 An item is a function ``(runs) -> Entry``; its figure and rows are written by `runs`.
 """
@@ -21,13 +21,22 @@ from ..mechanics import Problem
 from .newton import scheme_path
 from .scheme import make_scheme
 
-FINITE_ELEMENTS = json.loads(files("jaxgel.paper").joinpath("finite_elements.json").read_text(encoding="utf-8"))
-"""Values of another method, quoted in the report; ``about`` says how they were made, ``spread`` stands for the error of its neighbours."""
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")  # Okabe and Ito
+FINITE_ELEMENTS = json.loads(
+    files("jaxgel.paper").joinpath("finite_elements.json").read_text(encoding="utf-8")
+)
+"""Values of another method, quoted in the report.
+
+``about`` says how they were made, ``spread`` stands for the error of its neighbours.
+"""
+# Okabe and Ito
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 DETAILED = [-4.9678, -3.9678, -2.9678, -2.4678, -1.9678, -1.4678, -1.1678, -0.95, -0.9178]
 BEYOND = [-0.8, -0.6678, -0.5678, -0.45, -0.4, -0.36, -0.327, -0.2978, -0.2678, -0.244, -0.23]
 """Chemical potentials, kT, of the patterns and of the holes' closing."""
-TURNING = [-4.9678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.7, -1.4678, -1.3, -1.2, -1.1678, -1.1, -1.05, -1.0, -0.95, -0.9178]
+TURNING = [
+    -4.9678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.7, -1.4678, -1.3, -1.2, -1.1678, -1.1,
+    -1.05, -1.0, -0.95, -0.9178,
+]  # fmt: skip
 TURNING += [-0.89, -0.86, -0.83, -0.8]
 """Those of the ellipses' rotation."""
 CLOSING = {
@@ -54,14 +63,28 @@ class Number:
     digits: str = ".4g"
     """Format specification of the values that are numbers."""
     error: float | None = None
-    """Error bar of this run's value, from several clouds, see `verification.error_bars`; None for none."""
+    """Error bar of this run's value, from several clouds, see `verification.error_bars`.
+
+    None for none.
+    """
 
     def cells(self) -> list[str]:
-        """The line as texts: quantity, paper, this run, reference, and the difference of this run to the reference, else to the paper."""
+        """The line as texts: quantity, paper, this run, reference, and difference.
+
+        It is that of this run to the reference, else to the paper.
+        """
         known = self.paper if self.reference is None else self.reference
-        values = ["" if v is None else v if isinstance(v, str) else f"{v:{self.digits}}" for v in (self.paper, self.ours, self.reference)]
+        values = [
+            "" if v is None else v if isinstance(v, str) else f"{v:{self.digits}}"
+            for v in (self.paper, self.ours, self.reference)
+        ]
         values[1] += "" if self.error is None else f" ± {self.error:.2g}"
-        comparable = not isinstance(self.ours, str) and not isinstance(known, str) and known and np.isfinite(self.ours)
+        comparable = (
+            not isinstance(self.ours, str)
+            and not isinstance(known, str)
+            and known
+            and np.isfinite(self.ours)
+        )
         off = f"{100 * (self.ours / known - 1):+.2g} %" if comparable else ""
         return [self.what, *values, "0" if comparable and self.ours == known else off]
 
@@ -85,7 +108,7 @@ class Entry:
 
 
 class Runs:
-    """Clouds, models and sweeps that items share: each is computed once, when it is first asked for."""
+    """Clouds, models and sweeps that items share: each is computed once, at its first use."""
 
     def __init__(self, on_state: Callable[[str], Any] = lambda _: None) -> None:
         self.on_state, self._kept = on_state, {}
@@ -96,16 +119,29 @@ class Runs:
             self._kept[key] = compute()
         return self._kept[key]
 
-    def path(self, name: str, mu: Any, *, contact: bool, spacing: float | None = None, branch: str = "symmetric") -> Path:
-        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing, mm, the paper's by default.
+    def path(
+        self,
+        name: str,
+        mu: Any,
+        *,
+        contact: bool,
+        spacing: float | None = None,
+        branch: str = "symmetric",
+    ) -> Path:
+        """Path of a sample at ``mu`` (k,) on a cloud of a spacing, mm, by default the paper's.
 
         With ``contact`` or until outlines overlap.
         """
 
         def compute():
             model = self.model(name, spacing)
-            problem, observer = Problem(model, model.cloud.plate.gel, contact=contact), self.observer(f"{name}, {model.n_nodes} nodes")
-            return sweep(problem, list(mu), branch=branch, until_contact=not contact, observer=observer)
+            problem, observer = (
+                Problem(model, model.cloud.plate.gel, contact=contact),
+                self.observer(f"{name}, {model.n_nodes} nodes"),
+            )
+            return sweep(
+                problem, list(mu), branch=branch, until_contact=not contact, observer=observer
+            )
 
         return self.once((name, tuple(mu), contact, spacing, branch), compute)
 
@@ -115,17 +151,19 @@ class Runs:
 
     def cloud(self, name: str, spacing: float | None = None) -> Cloud:
         """Cloud of a sample."""
-        return self.once(("cloud", name, spacing), lambda: make_cloud(sample(name), spacing=spacing))
+        return self.once(
+            ("cloud", name, spacing), lambda: make_cloud(sample(name), spacing=spacing)
+        )
 
     def observer(self, name: str) -> Observer:
         """Observer of a sweep with this name in the progress that is shown."""
         return Observer(accepted=lambda state: self.on_state(f"{name}, mu = {state.mu:.4f}"))
 
     def stopping(self, number: int, intervals: int = GRID) -> Path:
-        """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap, on the symmetric branch.
+        """Symmetric path of sample ``number`` as in the paper, without contact, until overlap.
 
-        The paper has 40 ``intervals`` of background nodes; on other clouds the path ends at the last of ``TURNING``. The symmetry of
-        samples 1-3 does not forbid their rotation.
+        The paper has 40 ``intervals`` of background nodes; on other clouds the path ends at the
+        last of ``TURNING``. The symmetry of samples 1-3 does not forbid their rotation.
         """
         mu = TURNING if number <= 3 else DETAILED
         mu = mu + [value for value in BEYOND if value > mu[-1]] if intervals == GRID else mu
@@ -135,27 +173,40 @@ class Runs:
         """Path of sample ``number`` with contact at the values of ``CLOSING`` up to ``last``."""
         branch, mu = CLOSING[number]
         mu = [value for value in mu if value <= last]
-        return self.path(f"sample-{number}", mu, contact=True, spacing=SIDE / intervals, branch=branch)
+        return self.path(
+            f"sample-{number}", mu, contact=True, spacing=SIDE / intervals, branch=branch
+        )
 
     def stiff(self, number: int) -> Path:
-        """Path of sample ``number`` in the paper's own discretisation, displacements alone at its Gauss points: it locks, but goes far."""
+        """Path of sample ``number`` in the paper's discretisation; it locks, but goes far.
+
+        Displacements alone at its Gauss points.
+        """
 
         def compute():
             name = f"sample-{number}"
-            scheme, mu = make_scheme(self.cloud(name), basis="quadratic", kind="imls"), [mu for mu in DETAILED + BEYOND if mu <= -0.2678]
+            scheme, mu = (
+                make_scheme(self.cloud(name), basis="quadratic", kind="imls"),
+                [mu for mu in DETAILED + BEYOND if mu <= -0.2678],
+            )
             observer = self.observer(f"{name}, {len(scheme.cloud.nodes)} nodes")
-            return scheme_path(scheme, scheme.cloud.plate.gel, mu, until_overlap=True, observer=observer)
+            return scheme_path(
+                scheme, scheme.cloud.plate.gel, mu, until_overlap=True, observer=observer
+            )
 
         return self.once(("stiff", number), compute)
 
     def stable(self, number: int) -> Path:
         """Path of sample ``number`` without contact on the stable branch."""
-        return self.path(f"sample-{number}", [-4.9678, -2.9678, -1.9678, -1.4678], contact=False, branch="stable")
+        return self.path(
+            f"sample-{number}", [-4.9678, -2.9678, -1.9678, -1.4678], contact=False, branch="stable"
+        )
 
     def shown(self, number: int, mu: float) -> Path:
         """Path that shows sample ``number`` at ``mu``, or at its last state before.
 
-        With contact if outlines overlap before, and in the paper's own discretisation if the converged branch ends before.
+        With contact if outlines overlap before, and in the paper's own discretisation if the
+        converged branch ends before.
         """
         path = self.stopping(number)
         if path.mu[-1] < mu:
@@ -164,12 +215,15 @@ class Runs:
 
 
 def at(path: Any, mu: float) -> int:
-    """Number of the state of a path at ``mu``, or of the last one where the path ends before."""
+    """Number of the state of a path at ``mu``, or of the last one if the path ends before."""
     return int(np.argmin(np.abs(np.minimum(mu, path.mu[-1]) - np.asarray(path.mu))))
 
 
 def crossing(x: Any, y: Any, value: float) -> float:
-    """The x () at which a growing y (k,) first reaches ``value``, by interpolation; nan where it does not."""
+    """The x () at which a growing y (k,) first reaches ``value``; nan if never.
+
+    Interpolated.
+    """
     x, y = np.asarray(x), np.asarray(y)
     above = np.flatnonzero(y >= value)
     if len(above) == 0 or above[0] == 0:
@@ -179,14 +233,15 @@ def crossing(x: Any, y: Any, value: float) -> float:
 
 
 def or_none(value: float) -> float | str:
-    """The value, or "none" where it is not finite."""
+    """The value, or "none" if it is not finite."""
     return value if np.isfinite(value) else "none"
 
 
 def rows(columns: dict[str, Any], **fixed: Any) -> list[dict[str, Any]]:
-    """A dictionary for each of the k entries of the ``columns`` (name -> (k,)), after what is ``fixed``."""
+    """A dictionary for each of the k entries of ``columns`` (name -> (k,)), after ``fixed``."""
     return [
-        fixed | dict(zip(columns, values, strict=True)) for values in zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True)
+        fixed | dict(zip(columns, values, strict=True))
+        for values in zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True)
     ]
 
 

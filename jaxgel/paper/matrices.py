@@ -12,9 +12,16 @@ from .scheme import Cells
 
 def assembled(matrices: Float[Array, "c A A"], cells: Cells, n_nodes: int) -> sp.csr_array:
     """The sum (N, N), N = 2 ``n_nodes``, of the cells' matrices, A = 2 a."""
-    dofs = (2 * np.asarray(cells.nodes, dtype=np.int32)[:, :, None] + np.arange(2, dtype=np.int32)).reshape(len(cells.nodes), -1)
-    pairs = (np.broadcast_to(part, matrices.shape).ravel() for part in (dofs[:, :, None], dofs[:, None, :]))
-    return sp.coo_array((np.asarray(matrices).ravel(), tuple(pairs)), (2 * n_nodes, 2 * n_nodes)).tocsr()
+    dofs = (
+        2 * np.asarray(cells.nodes, dtype=np.int32)[:, :, None] + np.arange(2, dtype=np.int32)
+    ).reshape(len(cells.nodes), -1)
+    pairs = (
+        np.broadcast_to(part, matrices.shape).ravel()
+        for part in (dofs[:, :, None], dofs[:, None, :])
+    )
+    return sp.coo_array(
+        (np.asarray(matrices).ravel(), tuple(pairs)), (2 * n_nodes, 2 * n_nodes)
+    ).tocsr()
 
 
 def solved(matrix: sp.csr_array, right: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
@@ -26,6 +33,8 @@ def solved(matrix: sp.csr_array, right: Float[np.ndarray, " f"]) -> Float[np.nda
 
 
 def negative_eigenvalues(matrix: sp.csr_array) -> int:
-    """Number of negative eigenvalues of a symmetric matrix, from the blocks of the LDL^T of the dense one."""
+    """Number of negative eigenvalues of a symmetric matrix from blocks of its dense LDL^T."""
     blocks = scipy.linalg.ldl(matrix.toarray())[1]
-    return int(np.sum(scipy.linalg.eigvalsh_tridiagonal(np.diagonal(blocks), np.diagonal(blocks, 1)) < 0))
+    return int(
+        np.sum(scipy.linalg.eigvalsh_tridiagonal(np.diagonal(blocks), np.diagonal(blocks, 1)) < 0)
+    )

@@ -6,7 +6,14 @@ import numpy as np
 
 from ..continuation import Path
 from ..discretisation import make_probe
-from ..observables import FIELDS, area_reduction, core_rotation, field_values, outlines, rotation_angle
+from ..observables import (
+    FIELDS,
+    area_reduction,
+    core_rotation,
+    field_values,
+    outlines,
+    rotation_angle,
+)
 from .items import FINITE_ELEMENTS, Entry, Number, Runs, at, pyplot, rows, unstable_from
 from .newton import SchemePath
 
@@ -39,42 +46,59 @@ STAGES = (-4.9678, -0.9178, -0.6678, -0.2678)
 FIGURES = {
     6: Patterns(
         "sample 1 at growing chemical potential",
-        "No visible deformation at mu = -4.9678; then the ellipses change and the plate rotates anticlockwise.",
+        (
+            "No visible deformation at mu = -4.9678; then the ellipses change and the plate "
+            "rotates anticlockwise."
+        ),
         (ROTATION,),
         tuple(("stopping", 1, mu) for mu in (-4.9678, -1.9678, -1.4678, -0.9178)),
     ),
     7: Patterns(
-        "samples 1, 2, 3 at mu = -0.9178; where outlines overlap before, with contact",
+        "samples 1, 2, 3 at mu = -0.9178; with contact if outlines overlap before",
         "The vertical pillars buckle, in sample 3 more than in samples 1 and 2.",
         (ROTATION, BOW),
         tuple(("shown", n, -0.9178) for n in (1, 2, 3)),
         columns=3,
     ),
     8: Patterns(
-        "sample 4 at growing chemical potential; above on the symmetric branch, the last in the paper's own discretisation; below on the "
+        "sample 4 at growing chemical potential; above on the symmetric branch, the last in the "
+        "paper's own discretisation; below on the "
         "stable branch",
-        "Circles at mu = -4.9678, lozenges at -0.6678, almost squares at -0.2678 (a circle has the width ratio 1, a lozenge 1.41, a "
+        "Circles at mu = -4.9678, lozenges at -0.6678, almost squares at -0.2678 (a circle has "
+        "the width ratio 1, a lozenge 1.41, a "
         "square 0.71).",
         (WIDTHS,),
-        (*(("stopping", 4, mu) for mu in STAGES[:3]), ("stiff", 4, STAGES[3]), *(("touching", 4, mu) for mu in STAGES)),
+        (
+            *(("stopping", 4, mu) for mu in STAGES[:3]),
+            ("stiff", 4, STAGES[3]),
+            *(("touching", 4, mu) for mu in STAGES),
+        ),
     ),
     9: Patterns(
-        "samples 4, 5, 6 at mu = -0.95 on the symmetric branch, with contact where outlines overlap before and in the paper's own "
-        "discretisation where the branch ends before; last, sample 4 on the stable branch",
+        "samples 4, 5, 6 at mu = -0.95 on the symmetric branch, with contact if outlines overlap "
+        "before and in the paper's own "
+        "discretisation if the branch ends before; last, sample 4 on the stable branch",
         "Symmetric patterns; the pillars' centre lines stay straight; sample 6 deforms most.",
         (BOW,),
         (*(("shown", n, -0.95) for n in (4, 5, 6)), ("touching", 4, -0.95)),
     ),
     10: Patterns(
         "sample 7 at growing chemical potential, symmetric branch with contact",
-        "The four sides of the squares deform inward (mu = -4.9678 to -0.5678), later more near the walls than near the midlines.",
+        (
+            "The four sides of the squares deform inward (mu = -4.9678 to -0.5678), later more "
+            "near the walls than near the midlines."
+        ),
         (WIDTHS,),
         tuple(("touching", 7, mu) for mu in (-4.9678, -0.9178, -0.5678, -0.2678)),
     ),
     11: Patterns(
-        "samples 7, 8, 9 at mu = -0.9178 on the symmetric branch, with contact where outlines overlap before and in the paper's own "
-        "discretisation where the branch ends before; last, sample 7 on the stable branch",
-        "Symmetric patterns; the pillars' centre lines stay straight; the sides of sample 9 deform most.",
+        "samples 7, 8, 9 at mu = -0.9178 on the symmetric branch, with contact if outlines "
+        "overlap before and in the paper's own "
+        "discretisation if the branch ends before; last, sample 7 on the stable branch",
+        (
+            "Symmetric patterns; the pillars' centre lines stay straight; the sides of sample 9 "
+            "deform most."
+        ),
         (BOW,),
         (*(("shown", n, -0.9178) for n in (7, 8, 9)), ("stable", 7, -1.4678)),
     ),
@@ -84,7 +108,10 @@ FIGURES = {
 def draw_patterns(runs: Runs, number: int) -> Entry:
     """Figure ``number`` of ``FIGURES``."""
     of = FIGURES[number]
-    paths = [getattr(runs, how)(n, mu) if how == "shown" else getattr(runs, how)(n) for how, n, mu in of.states]
+    paths = [
+        getattr(runs, how)(n, mu) if how == "shown" else getattr(runs, how)(n)
+        for how, n, mu in of.states
+    ]
     shown = [(path, at(path, mu)) for path, (_, _, mu) in zip(paths, of.states, strict=True)]
     columns = {id(path): _columns(path) for path in paths}
     numbers, table = [], []
@@ -95,14 +122,24 @@ def draw_patterns(runs: Runs, number: int) -> Entry:
         for what in of.quantities:
             value = float(columns[id(path)][what][k])
             numbers.append(
-                Number(f"{name}{_how(path)}, mu = {path.mu[k]:.4f}: {TEXTS[what]}", value, None, reference if what == ROTATION else None)
+                Number(
+                    f"{name}{_how(path)}, mu = {path.mu[k]:.4f}: {TEXTS[what]}",
+                    value,
+                    None,
+                    reference if what == ROTATION else None,
+                )
             )
     for i, path in enumerate({id(path): path for path in paths}.values(), start=1):
         name, states = _name(path), {k for other, k in shown if other is path}
         critical = FINITE_ELEMENTS.get(name, {}).get("critical_mu")
-        numbers.append(Number(f"{name}{_how(path)}: unstable from mu", unstable_from(path), None, critical))
+        numbers.append(
+            Number(f"{name}{_how(path)}: unstable from mu", unstable_from(path), None, critical)
+        )
         pictured = [int(k in states) for k in range(len(path))]
-        how = dict(contact="on" if path.model.contact is not None else "stop", method="displacement" if _locks(path) else "mixed")
+        how = dict(
+            contact="on" if path.model.contact is not None else "stop",
+            method="displacement" if _locks(path) else "mixed",
+        )
         table += rows(columns[id(path)] | {"shown": pictured}, path=i, case=name, **how)
     return Entry(f"Fig. {number}: {of.title}", of.paper, numbers, table, _figure(shown, of.columns))
 
@@ -129,7 +166,13 @@ def _locks(path):
 
 def _how(path):
     """How a path goes beyond the branch of the converged model without contact."""
-    return " with contact" if path.model.contact is not None else " in the paper's own discretisation" if _locks(path) else ""
+    return (
+        " with contact"
+        if path.model.contact is not None
+        else " in the paper's own discretisation"
+        if _locks(path)
+        else ""
+    )
 
 
 def _figure(shown, columns):
@@ -137,14 +180,23 @@ def _figure(shown, columns):
     from ..plotting import plot_pattern
 
     fields = [field_values(path[[k]], "stretch") for path, k in shown]
-    limits = float(min(map(np.min, fields))), float(max(np.percentile(f, 99) for f in fields))  # corners would take the whole scale
+    # corners would take the whole scale
+    limits = float(min(map(np.min, fields))), float(max(np.percentile(f, 99) for f in fields))
     lines = len(shown) // columns
     size = (2.15 * columns + 0.9, 2.6 * lines)
-    figure, axes = pyplot().subplots(lines, columns, figsize=size, layout="constrained", squeeze=False, sharex=True, sharey=True)
+    figure, axes = pyplot().subplots(
+        lines, columns, figsize=size, layout="constrained", squeeze=False, sharex=True, sharey=True
+    )
     for ax, (path, k) in zip(axes.flat, shown, strict=True):
         plot_pattern(path, k, ax=ax, limits=limits, colorbar=False)
         ax.label_outer()
-        ax.set_title(rf"{_name(path).replace('-', ' ')}{' (locks)' if _locks(path) else ''}, $\mu = {path.mu[k]:.4f}$", fontsize=8)
+        ax.set_title(
+            (
+                rf"{_name(path).replace('-', ' ')}{' (locks)' if _locks(path) else ''}, $\mu = "
+                rf"{path.mu[k]:.4f}$"
+            ),
+            fontsize=8,
+        )
     coloured = next(c for c in axes.flat[0].collections if c.get_array() is not None)
     figure.colorbar(coloured, ax=axes, label=FIELDS["stretch"], shrink=0.85, extend="max")
     return figure

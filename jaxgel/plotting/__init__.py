@@ -1,5 +1,6 @@
 """Figures of paths, modes and designs."""
 
+from .._deprecated import old_names
 from .accuracy import plot_accuracy, plot_contributions
 from .animation import animate_pattern
 from .curves import CURVES, plot_curve, plot_curves
@@ -29,3 +30,5 @@ __all__ = [
     "plot_zone",
     "save_figure",
 ]
+
+__getattr__ = old_names(__name__)

@@ -12,16 +12,28 @@ COLUMNS = 4  # of panels
 
 @styled
 def plot_accuracy(found: Accuracy) -> np.ndarray:
-    """Axes, one for each quantity: its values on the path's cloud with a band of their errors, and grey lines of the other clouds."""
+    """Axes, one per quantity: values with error bands, and grey lines of the other clouds.
+
+    The values are those on the path's cloud.
+    """
     names, x = list(found.bars), np.asarray(found.path.value, dtype=float)
     rows = -(-len(names) // COLUMNS)
     across = min(len(names), COLUMNS)
-    axes = np.atleast_1d(plt.subplots(rows, across, figsize=(2.1 * across, 1.9 * rows), layout="constrained")[1]).ravel()
+    axes = np.atleast_1d(
+        plt.subplots(rows, across, figsize=(2.1 * across, 1.9 * rows), layout="constrained")[1]
+    ).ravel()
     unit, driven = length_unit(found.path.model.cloud), quantity_of(found.path.control)
     for ax, name in zip(axes, names, strict=False):
         bars = found.bars[name]
         ax.plot(x, bars.values.T, color=WALL, linewidth=0.5, alpha=0.7)
-        ax.fill_between(x, bars.own - bars.error, bars.own + bars.error, color=COLOURS[0], alpha=0.25, linewidth=0)
+        ax.fill_between(
+            x,
+            bars.own - bars.error,
+            bars.own + bars.error,
+            color=COLOURS[0],
+            alpha=0.25,
+            linewidth=0,
+        )
         ax.plot(x, bars.own, color=COLOURS[0])
         ax.set(xlabel=driven.axis_label(), ylabel=QUANTITIES[name].axis_label(unit))
     for ax in axes[len(names) :]:
@@ -31,10 +43,19 @@ def plot_accuracy(found: Accuracy) -> np.ndarray:
 
 @styled
 def plot_contributions(found: Uncertainty, *, most: int = 10) -> np.ndarray:
-    """Axes, one for each number: bars of the standard deviations that its ``most`` important inputs alone would cause."""
+    """Axes, one per number: standard deviations by each of its ``most`` important inputs alone."""
     count = len(found.names)
-    axes = np.atleast_1d(plt.subplots(1, count, figsize=(2.9 * count, 0.6 + 0.19 * min(most, len(found.inputs))), layout="constrained")[1])
-    for ax, name, value, parts, deviation in zip(axes, found.names, found.values, found.contributions, found.deviations, strict=True):
+    axes = np.atleast_1d(
+        plt.subplots(
+            1,
+            count,
+            figsize=(2.9 * count, 0.6 + 0.19 * min(most, len(found.inputs))),
+            layout="constrained",
+        )[1]
+    )
+    for ax, name, value, parts, deviation in zip(
+        axes, found.names, found.values, found.contributions, found.deviations, strict=True
+    ):
         quantity = QUANTITIES.get(name)
         scale, unit = (quantity.scale, quantity.shown_unit()) if quantity else (1.0, "")
         order = np.argsort(-np.abs(parts), kind="stable")[:most][::-1]

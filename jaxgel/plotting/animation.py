@@ -8,7 +8,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 
+from .._deprecated import old_arguments
 from ..continuation import Path
+from ..observables import obstacle_displacement
 from .patterns import Gel, add_colorbar, colour_range, draw_frame, pictured_states
 from .style import state_text, styled
 
@@ -16,26 +18,36 @@ FRAMES_MAX = 60  # of an animation
 
 
 @styled
-def animate_pattern(path: Path, file: str | File, *, field: str | None = "stretch", seconds: float = 6.0) -> None:
-    """Write a GIF of the pattern over all states of a path (at most ``FRAMES_MAX`` of them, evenly chosen), ``seconds`` long.
+@old_arguments
+def animate_pattern(
+    path: Path, file: str | File, *, field: str | None = "stretch", seconds: float = 6.0
+) -> None:
+    """Write a GIF of a path's states (at most ``FRAMES_MAX``), ``seconds`` long.
 
-    A ``file`` whose name ends in .mp4 becomes a film (H.264) by the program ffmpeg, that on the PATH or, else, that of the package
-    imageio-ffmpeg (extra ``[view]``); ValueError where there is neither.
+    The states are evenly chosen. A ``file`` whose name ends in .mp4 becomes a film (H.264) by the
+    program ffmpeg, that on the PATH or, else, that of the package imageio-ffmpeg (extra
+    ``[view]``); ValueError if there is neither.
     """
     kind, settings = _writer_of(file)
-    states = np.unique(np.linspace(0, len(path.mu) - 1, min(FRAMES_MAX, len(path.mu))).round().astype(int))
+    states = np.unique(
+        np.linspace(0, len(path.mu) - 1, min(FRAMES_MAX, len(path.mu))).round().astype(int)
+    )
     vertices, values = pictured_states(path, states, field)
     figure, ax = plt.subplots(figsize=(4.4, 3.8), layout="constrained")
     gel = Gel(ax, path.model.cloud, vertices[0], values[0], colour_range(values, path, field))
-    draw_frame(ax, path.model.cloud, vertices, state_text(path.value[states[0]], path.control))
+    moved = obstacle_displacement(path[states])
+    obstacles = draw_frame(
+        ax, path.model.cloud, vertices, state_text(path.value[states[0]], path.control), moved[0]
+    )
     if field is not None:
         add_colorbar(gel, [ax], values, field)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # every frame as the first one is laid out
     writer = kind(fps=max(1.0, len(states) / seconds))
     with mpl.rc_context(settings), writer.saving(figure, str(file), dpi=110):
-        for k, v, colours in zip(states, vertices, values, strict=True):
+        for k, v, colours, by in zip(states, vertices, values, moved, strict=True):
             gel.move(v, colours)
+            obstacles.move(by)
             ax.set_title(state_text(path.value[k], path.control))
             writer.grab_frame()
     plt.close(figure)
@@ -53,5 +65,6 @@ def _writer_of(file: str | File) -> tuple[type, dict[str, Any]]:
         return FFMpegWriter, {"animation.ffmpeg_path": get_ffmpeg_exe()}
     except (ImportError, RuntimeError):
         raise ValueError(
-            f"file: {str(file)!r} needs the program ffmpeg; install it, or pip install 'jaxgel[view]', or write a GIF"
+            f"file: {str(file)!r} needs the program ffmpeg; install it, or pip install "
+            "'jaxgel[view]', or write a GIF"
         ) from None

@@ -1,4 +1,7 @@
-"""The figure of a design: start and optimum swollen, the quantity or the switches of the objective, and the history of the search."""
+"""The figure of a design: start and optimum swollen, the objective, and its history.
+
+The quantity or the switches of the objective, and the history of the search.
+"""
 
 import dataclasses
 import itertools
@@ -22,13 +25,16 @@ LONG_NAME = 20  # letters of an entry from which on a legend has one to a line
 
 @styled
 def draw_study(study: Any, design: Design, start: Path, best: Path) -> Figure:
-    """Figure of a `cases.Study`: paths ``start`` and ``best`` at their last state, the quantity of the objective, the search's history.
+    """Figure of a `cases.Study`: paths ``start`` and ``best``, objective, and history.
 
-    Fields of the gel that were varied are drawn on the dry plate in between, before and after, with their scale.
+    The paths are drawn at their last state. Fields of the gel that were varied are drawn on the dry
+    plate in between, before and after, with their scale.
     """
     names = [of for of, _ in study.fields.values()]
     heights, rows = (1.15, *[1.0] * (1 + len(names))), 2 + len(names)
-    figure, axes = plt.subplots(rows, 2, figsize=(6.3, 2.8 * rows), layout="constrained", height_ratios=heights)
+    figure, axes = plt.subplots(
+        rows, 2, figsize=(6.3, 2.8 * rows), layout="constrained", height_ratios=heights
+    )
     for ax, path, title in zip(axes[0], (start, best), ("start", "optimum"), strict=True):
         plot_pattern(path, ax=ax, field=None)
         ax.set_title(f"{title}, {ax.get_title()}")
@@ -48,16 +54,23 @@ def draw_target(ax: Axes, outline: Float[np.ndarray, "m 2"]) -> None:
     """The line that free edges are to follow, mm, on axes that then hold all of it."""
     limits = [np.array(limits) for limits in (ax.get_xlim(), ax.get_ylim())]
     ax.plot(*outline.T, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 2)))
-    for set_limits, (low, high), line in zip((ax.set_xlim, ax.set_ylim), limits, outline.T, strict=True):
-        set_limits(min(low, 1.02 * line.min() - 0.02 * line.max()), max(high, 1.02 * line.max() - 0.02 * line.min()))
+    for set_limits, (low, high), line in zip(
+        (ax.set_xlim, ax.set_ylim), limits, outline.T, strict=True
+    ):
+        set_limits(
+            min(low, 1.02 * line.min() - 0.02 * line.max()),
+            max(high, 1.02 * line.max() - 0.02 * line.min()),
+        )
 
 
 def draw_fields(axes: Sequence[Axes], name: str, start: Path, best: Path) -> Sequence[Axes]:
-    """Two axes with the gel's parameter ``name`` on the dry plate of start and optimum, to one scale."""
+    """Two axes with the gel's parameter ``name`` on the dry start and optimum, to one scale."""
     values = [np.asarray(parameter_values(path)[name]) for path in (start, best)]
     scale = min(v.min() for v in values), max(v.max() for v in values)
     scale = scale if scale[0] < scale[1] else (0.9 * scale[0], 1.1 * scale[1])
-    for ax, path, of_cells, title in zip(axes, (start, best), values, ("start", "optimum"), strict=True):
+    for ax, path, of_cells, title in zip(
+        axes, (start, best), values, ("start", "optimum"), strict=True
+    ):
         cells = draw_cells(ax, path.model.cloud, of_cells, scale)
         ax.set_title(f"{title}, dry plate")
     axes[0].figure.colorbar(cells, ax=axes[-1], label=PARAMETERS.get(name, name), shrink=0.85)
@@ -65,13 +78,27 @@ def draw_fields(axes: Sequence[Axes], name: str, start: Path, best: Path) -> Seq
 
 
 def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
-    """Axes with the quantity of the study's first objective along the start's and the optimum's path, and its target."""
-    quantity = _misfit(study.aim["outline"]) if "outline" in study.aim else QUANTITIES[study.aim["of"]]
+    """Axes with the quantity of the first objective on both paths, and its target.
+
+    The start's and the optimum's path of the study.
+    """
+    quantity = (
+        _misfit(study.aim["outline"]) if "outline" in study.aim else QUANTITIES[study.aim["of"]]
+    )
     if "hole" in study.aim:
         label = f"{quantity.label} of hole {study.aim['hole']}"
         quantity = dataclasses.replace(quantity, label=label, function=study.aim["quantity"])
-    for path, name, colour, line in ((start, "start", COLOURS[1], "--"), (best, "optimum", COLOURS[0], "-")):
-        ax.plot(path.value, quantity.scale * np.asarray(quantity.function(path)), line, color=colour, label=name)
+    for path, name, colour, line in (
+        (start, "start", COLOURS[1], "--"),
+        (best, "optimum", COLOURS[0], "-"),
+    ):
+        ax.plot(
+            path.value,
+            quantity.scale * np.asarray(quantity.function(path)),
+            line,
+            color=colour,
+            label=name,
+        )
     wanted = np.isfinite(study.aim["values"])
     if wanted.any():
         ax.plot(
@@ -83,46 +110,77 @@ def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
             color=LINE,
             label="target",
         )
-    ax.set(xlabel=quantity_of(start.control).axis_label(), ylabel=quantity.axis_label(length_unit(start.model.cloud)))
+    ax.set(
+        xlabel=quantity_of(start.control).axis_label(),
+        ylabel=quantity.axis_label(length_unit(start.model.cloud)),
+    )
     ax.legend(frameon=False, fontsize=7.5)
     return ax
 
 
 def draw_reported(ax: Axes, study: Any, design: Design, best: Path) -> Axes:
-    """Axes with the switches or times of the study's objective at every evaluation, their targets dashed; squares on the optimum's
-    fresh cloud.
+    """Axes with the objective's switches or times per evaluation, targets dashed.
+
+    Squares are on the optimum's fresh cloud.
     """
     k = np.arange(1, len(design.history) + 1)
-    for (name, target), colour in zip(study.aim["targets"].items(), itertools.cycle(COLOURS), strict=False):
+    for (name, target), colour in zip(
+        study.aim["targets"].items(), itertools.cycle(COLOURS), strict=False
+    ):
         values = [row["reported"].get(name, np.nan) for row in design.history]
         ax.plot(k, values, marker="o", ms=3.0, color=colour, label=name.replace("_", " "))
-        ax.plot(k[-1] + 1, float(study.problem.reported[name](best)), "s", ms=5.0, mfc="none", color=colour)
+        ax.plot(
+            k[-1] + 1,
+            float(study.problem.reported[name](best)),
+            "s",
+            ms=5.0,
+            mfc="none",
+            color=colour,
+        )
         if np.isfinite(target):
             ax.axhline(target, color=colour, linewidth=0.8, linestyle="--")
     of_energy = study.aim["of"] == "barrier"
     ax.set(xlabel="evaluation (square: fresh cloud)")
     ax.locator_params(axis="x", integer=True)
-    ax.set(ylabel=r"barrier ($kT/v\,$mm$^2$)" if of_energy else quantity_of(best.control).axis_label())
+    ax.set(
+        ylabel=r"barrier ($kT/v\,$mm$^2$)" if of_energy else quantity_of(best.control).axis_label()
+    )
     beside = 2 if max(map(len, study.aim["targets"])) < LONG_NAME else 1
-    ax.legend(frameon=False, fontsize=7.5, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=beside)
+    ax.legend(
+        frameon=False, fontsize=7.5, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=beside
+    )
     return ax
 
 
 def _misfit(outline):
     """The `Quantity` of a path's free edges beside an outline."""
     text = "root mean square distance of the free edges from their target"
-    return Quantity("free_edge", lambda path: np.sqrt(free_edge_misfit(path, np.array(outline))), "mm", "distance from the target", text)
+    return Quantity(
+        "free_edge",
+        lambda path: np.sqrt(free_edge_misfit(path, np.array(outline))),
+        "mm",
+        "distance from the target",
+        text,
+    )
 
 
 def draw_history(ax: Axes, design: Design) -> Axes:
-    """Axes with the objective of every evaluation: filled where feasible, hollow where not, ticks on the axis where invalid."""
+    """Axes with the objective per evaluation: filled if feasible, hollow if not.
+
+    Ticks on the axis if invalid.
+    """
     k, rows = np.arange(1, len(design.history) + 1), design.history
     value = np.array([np.nan if row["value"] is None else row["value"] for row in rows])
-    feasible, invalid = np.array([row["feasible"] for row in rows]), np.array([bool(row["invalid"]) for row in rows])
+    feasible, invalid = (
+        np.array([row["feasible"] for row in rows]),
+        np.array([bool(row["invalid"]) for row in rows]),
+    )
     ax.plot(k[feasible], value[feasible], "o", ms=3.5, color=COLOURS[0], label="feasible")
     hollow = ~feasible & ~invalid
     if hollow.any():
-        ax.plot(k[hollow], value[hollow], "o", ms=3.5, mfc="none", color=COLOURS[1], label="infeasible")
+        ax.plot(
+            k[hollow], value[hollow], "o", ms=3.5, mfc="none", color=COLOURS[1], label="infeasible"
+        )
     if invalid.any():
         ax.plot(
             k[invalid],
@@ -133,13 +191,20 @@ def draw_history(ax: Axes, design: Design) -> Axes:
             transform=ax.get_xaxis_transform(),
             label="invalid, step shrunk",
         )
-    for number in np.flatnonzero(np.diff([row["cloud"] for row in rows]) > 0) if len(rows) > 1 else ():
+    for number in (
+        np.flatnonzero(np.diff([row["cloud"] for row in rows]) > 0) if len(rows) > 1 else ()
+    ):
         ax.axvline(number + 1.5, color=WALL, linewidth=0.6, linestyle=":")
     positive = value[np.isfinite(value)]
-    if positive.size and positive.min() > FEASIBLE * positive.max() and positive.max() > 30 * positive.min():
+    if (
+        positive.size
+        and positive.min() > FEASIBLE * positive.max()
+        and positive.max() > 30 * positive.min()
+    ):
         ax.set_yscale("log")
     ax.set(xlabel="evaluation (dotted: new cloud)", ylabel="objective")
     ax.locator_params(axis="x", integer=True)
-    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)  # inside the axes the legend would hide points
+    # inside the axes the legend would hide points
+    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     ax.legend(frameon=False, fontsize=7.5, columnspacing=1.0, handletextpad=0.3, **above)
     return ax

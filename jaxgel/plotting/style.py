@@ -30,7 +30,8 @@ STYLE: dict[str, Any] = {
 WARNING_WIDTH = 90  # characters of a line below a figure
 LEAST, LARGEST = 1e-3, 1e5  # of numbers that are written without a power of ten
 GEL, LINE, WALL, SHADE = "#b7cfe2", "#1c2733", "#5c6670", "#e9e4de"
-COLOURS = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito: distinguishable with every kind of colour vision
+# Okabe and Ito: distinguishable with every kind of colour vision
+COLOURS = ("#0072b2", "#d55e00", "#009e73")
 
 
 def styled(draw: F) -> F:
@@ -45,8 +46,13 @@ def styled(draw: F) -> F:
 
 
 def colour_scale(count: int) -> list[str]:
-    """``count`` colours of a field, from its lowest value to its highest, as "#rrggbb"; the map reads the same with all colour vision."""
-    return [mpl.colors.to_hex(mpl.colormaps["cividis"](share)) for share in np.linspace(0, 1, count)]
+    """``count`` colours of a field, from its lowest value to its highest, as "#rrggbb".
+
+    The map reads the same with all colour vision.
+    """
+    return [
+        mpl.colors.to_hex(mpl.colormaps["cividis"](share)) for share in np.linspace(0, 1, count)
+    ]
 
 
 def save_figure(figure: Figure, file: str | os.PathLike[str]) -> None:

@@ -1,6 +1,16 @@
-"""Symmetry: the group of a problem and of its states, the problem on a fundamental region, and the blocks of its tangent."""
+"""Symmetry: groups of problems and states, fundamental regions, and tangent blocks."""
 
-from .groups import IDENTITY, NAMES, Images, characters, images, symmetries_of, symmetries_of_field, symmetries_of_state
+from .._deprecated import old_names
+from .groups import (
+    IDENTITY,
+    NAMES,
+    Images,
+    characters,
+    images,
+    symmetries_of,
+    symmetries_of_field,
+    symmetries_of_state,
+)
 from .irreducible import Representation, representation_of, representations
 from .regions import Basis, Region, bases, region
 
@@ -21,3 +31,5 @@ __all__ = [
     "symmetries_of_field",
     "symmetries_of_state",
 ]
+
+__getattr__ = old_names(__name__)

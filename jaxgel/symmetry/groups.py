@@ -1,7 +1,9 @@
-"""The symmetries of a problem: which symmetries of the square take its cloud, gel and loads, and a state of it, to themselves.
+"""Symmetries of a problem and of its states, among those of the square.
 
-A group is a tuple of names of ``geometry.SYMMETRIES``, the identity left out. Host NumPy: where each symmetry takes nodes, quadrature
-points and patches is found once for a cloud; whether it does so to round-off is asked of every model.
+They take its cloud, gel and loads, and a state of it, to themselves. A group is a tuple of names of
+``geometry.SYMMETRIES``, the identity left out. Host NumPy: where each symmetry takes nodes,
+quadrature points and patches is found once for a cloud; whether it does so to round-off is asked of
+every model.
 """
 
 import dataclasses
@@ -55,50 +57,68 @@ class Images:
 
     @property
     def dofs(self) -> Int[np.ndarray, " d"]:
-        """The degree of freedom to which each one goes, ~ that number where its sign changes."""
+        """The degree of freedom to which each one goes, ~ that number if its sign changes."""
         component = np.abs(self.matrix).argmax(axis=0)  # where a unit vector of each component goes
         numbers = 2 * self.nodes[:, None] + component
         return np.where(self.matrix[component, [0, 1]] < 0, ~numbers, numbers).ravel()
 
 
 def symmetries_of(problem: Problem) -> tuple[str, ...]:
-    """The group of a problem: the symmetries that keep its plate, cloud, gel and loads to round-off; none where only nearly."""
+    """Group of a problem: symmetries of plate, cloud, gel and loads, to round-off.
+
+    None if only nearly.
+    """
     found = images(problem.model.lists)
     if not found or not _is_isotropic(problem.gel):
         return ()
     return _closed(tuple(name for name, image in found.items() if _keeps(image, problem)))
 
 
-def symmetries_of_state(x: Float[Array, "n 2"], model: Model, group: tuple[str, ...]) -> tuple[str, ...]:
+def symmetries_of_state(
+    x: Float[Array, "n 2"], model: Model, group: tuple[str, ...]
+) -> tuple[str, ...]:
     """The symmetries of a ``group`` that a state with the nodal positions ``x`` (n, 2) has."""
     return _kept_by(np.asarray(x), model, group, STATE * model.cloud.spacing)
 
 
-def symmetries_of_field(field: Float[Array, "n 2"], model: Model, group: tuple[str, ...]) -> tuple[str, ...]:
-    """The symmetries of a ``group`` that a nodal field (n, 2), such as a mode, has, to ``STATE`` relative to its largest value."""
+def symmetries_of_field(
+    field: Float[Array, "n 2"], model: Model, group: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Symmetries of a ``group`` that a nodal field (n, 2) has, to ``STATE`` of its maximum.
+
+    The field may be a mode; relative to its largest value.
+    """
     field = np.asarray(field)
     return _kept_by(field, model, group, STATE * np.abs(field).max())
 
 
 def _kept_by(field, model, group, tolerance):
     found = images(model.lists) if group else {}
-    apart = {name: np.abs(field[found[name].nodes] - field @ found[name].matrix.T).max() for name in group}
+    apart = {
+        name: np.abs(field[found[name].nodes] - field @ found[name].matrix.T).max()
+        for name in group
+    }
     return _closed(tuple(name for name in group if apart[name] < tolerance))
 
 
 def _closed(group):
-    """The group, or none where round-off has let only a part of it pass."""
+    """The group, or none if round-off has let only a part of it pass."""
     return group if group in NAMES else ()
 
 
 @once_per_owner
 def node_images(topology: Topology) -> dict[str, Int[np.ndarray, " n"]]:
-    """Name -> node to which each node goes, of the symmetries that the plate's edges and the nodes of the reference cloud have."""
+    """Name -> image of each node, for the symmetries of edges and reference nodes.
+
+    The plate's edges and the nodes of the reference cloud.
+    """
     nodes, found = topology.partition.vertices[topology.node_vertices], {}
     tree = cKDTree(nodes)
     for name, matrix in SYMMETRIES.items():
         apart, image = tree.query(nodes @ np.array(matrix, dtype=float).T)
-        if apart.max() < NEAREST * topology.spacing and keeps_edges(topology.plate, np.array(matrix, dtype=float)):
+        if apart.max() < NEAREST * topology.spacing and keeps_edges(
+            topology.plate, np.array(matrix, dtype=float)
+        ):
             found[name] = image
     return found
 
@@ -114,22 +134,30 @@ def images(lists: Connectivity) -> dict[str, Images]:
         away, point = tree.query(points @ matrix.T)
         patches = np.zeros(len(lists.linear), dtype=int)
         patches[lists.owner] = lists.owner[point]
-        together = np.array_equal(patches[lists.owner], lists.owner[point]) and np.array_equal(lists.linear[patches], lists.linear)
+        together = np.array_equal(patches[lists.owner], lists.owner[point]) and np.array_equal(
+            lists.linear[patches], lists.linear
+        )
         same = np.allclose(topology.node_spacing[node], topology.node_spacing, rtol=EQUAL, atol=0.0)
         between = topology.node_regions[:, 0] != topology.node_regions[:, 1]
         same = same and np.array_equal(between[node], between)
-        if away.max() < NEAREST * topology.spacing and together and same and len(np.unique(point)) == len(point):
+        if (
+            away.max() < NEAREST * topology.spacing
+            and together
+            and same
+            and len(np.unique(point)) == len(point)
+        ):
             found[name] = Images(matrix, node, point, patches)
     return found
 
 
 def characters(modes: Float[np.ndarray, "m n 2"], model: Model) -> dict[str, float]:
-    """Name -> trace of each symmetry of the cloud in the space of the modes (m, n, 2), orthonormalised."""
+    """Name -> trace of each symmetry in the space of orthonormalised modes (m, n, 2)."""
     fields = np.linalg.qr(modes.reshape(len(modes), -1).T)[0].T.reshape(modes.shape)
     nodes, traces = np.asarray(model.cloud.nodes), {}
     for name, image in node_images(model.lists.topology).items():
         matrix = np.array(SYMMETRIES[name], dtype=float)
-        if np.abs(nodes[image] - nodes @ matrix.T).max() < NEAREST * model.cloud.spacing:  # where the holes of the cloud have moved alike
+        # where the holes of the cloud have moved alike
+        if np.abs(nodes[image] - nodes @ matrix.T).max() < NEAREST * model.cloud.spacing:
             moved = np.empty_like(fields)
             moved[:, image] = fields @ matrix.T
             traces[name] = float(np.sum(fields * moved))
@@ -137,26 +165,37 @@ def characters(modes: Float[np.ndarray, "m n 2"], model: Model) -> dict[str, flo
 
 
 def _keeps(image, problem):
-    """Whether a symmetry keeps nodes, quadrature points with their weights, the gel's parameters and the loads."""
+    """Whether a symmetry keeps nodes, weighted quadrature points, gel parameters and loads."""
     model, tolerance = problem.model, EXACT * problem.model.cloud.spacing
     nodes, loads = np.asarray(model.cloud.nodes), np.asarray(problem.loads)
-    held, there = free_dofs(model.lists.topology).held, np.where(image.dofs < 0, ~image.dofs, image.dofs)
-    positions, weights = (_by_point(model.lists, [getattr(block, name) for block in model.blocks]) for name in ("position", "weight"))
+    held, there = (
+        free_dofs(model.lists.topology).held,
+        np.where(image.dofs < 0, ~image.dofs, image.dofs),
+    )
+    positions, weights = (
+        _by_point(model.lists, [getattr(block, name) for block in model.blocks])
+        for name in ("position", "weight")
+    )
     fields = [part for part in jax.tree.leaves(problem.gel, is_leaf=_is_local) if _is_local(part)]
     return (
         np.abs(nodes[image.nodes] - nodes @ image.matrix.T).max() < tolerance
         and np.array_equal(held[there], held)  # of a cell that is periodic one way a corner is held
         and np.abs(positions[image.points] - positions @ image.matrix.T).max() < tolerance
         and np.allclose(weights[image.points], weights, rtol=0.0, atol=EQUAL * weights.max())
-        and np.allclose(loads[image.nodes], loads @ image.matrix.T, rtol=0.0, atol=EQUAL * np.abs(loads).max())
+        and np.allclose(
+            loads[image.nodes], loads @ image.matrix.T, rtol=0.0, atol=EQUAL * np.abs(loads).max()
+        )
         and all(
-            np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0) for values in (_by_point(model.lists, f.points) for f in fields)
+            np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0)
+            for values in (_by_point(model.lists, f.points) for f in fields)
         )
     )
 
 
-def _by_point(lists: Connectivity, parts: Sequence[Float[Array, "_ _ ..."]]) -> Float[np.ndarray, "p ..."]:
-    """Values (p, ...) of all quadrature points by their numbers, from those (c, q, ...) of each block."""
+def _by_point(
+    lists: Connectivity, parts: Sequence[Float[Array, "_ _ ..."]]
+) -> Float[np.ndarray, "p ..."]:
+    """Values (p, ...) of all quadrature points by number, from those (c, q, ...) of each block."""
     first = np.asarray(parts[0])
     values = np.zeros((len(lists.cell_of_point), *first.shape[2:]))
     for numbers, part in zip(lists.points, parts, strict=True):
@@ -169,11 +208,17 @@ def _is_local(part):
 
 
 def _is_isotropic(gel: LocalGel) -> bool:
-    """Whether the network's energy is that of a turned and mirrored deformation too, at a few deformations and both ends of each field."""
+    """Whether the network's energy is invariant under rotations and mirrors of the deformation.
+
+    It is tried at a few deformations and both ends of each field.
+    """
     if gel.network is neo_hookean:
         return True
     some = [
-        jax.tree.map(lambda part, at=at: at(part.groups) if _is_local(part) else part, gel, is_leaf=_is_local) for at in (jnp.min, jnp.max)
+        jax.tree.map(
+            lambda part, at=at: at(part.groups) if _is_local(part) else part, gel, is_leaf=_is_local
+        )
+        for at in (jnp.min, jnp.max)
     ]
     F = np.array([[[1.31, 0.23], [-0.11, 1.17]], [[1.05, -0.34], [0.21, 1.43]]])
     energies = [

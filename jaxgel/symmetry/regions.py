@@ -1,11 +1,13 @@
 """A symmetric problem on a fundamental region of its plate, and the blocks of its tangent.
 
-Of every orbit of patches, the images of one another, the region has one, which counts as often as the orbit has patches. The unknowns are
-the symmetric fields: the degrees of freedom that a group takes to each other move together. So the energy of the region at a symmetric
-state is that of the plate, and so are its derivatives along symmetric fields. With the basis B of a representation's block, g the
-elements of the group and K_P the tangent of a patch,
+Of every orbit of patches, the images of one another, the region has one, which counts as often as
+the orbit has patches. The unknowns are the symmetric fields: the degrees of freedom that a group
+takes to each other move together. So the energy of the region at a symmetric state is that of the
+plate, and so are its derivatives along symmetric fields. With the basis B of a representation's
+block, g the elements of the group and K_P the tangent of a patch,
 
-    B^T K B = sum over the region's patches P of (size of its orbit / number of turns) sum over the turns g of (R_g^T B)^T K_P (R_g^T B)
+    B^T K B = sum over the region's patches P of (size of its orbit / number of turns) sum over the
+    turns g of (R_g^T B)^T K_P (R_g^T B)
 
 so that all blocks come from the tangent of the region's patches alone.
 """
@@ -21,7 +23,7 @@ from .._types import Array, Float, Int
 from ..discretisation import Connectivity, Model, PatchBlock, numbered
 from ..linalg import Pattern, analyse
 from ..materials import LocalValues, with_parameters
-from ..mechanics import Free, Problem, constraints_of, contact_pairs, node_pairs
+from ..mechanics import Couplings, Free, Problem, all_pairs, constraints_of
 from .fields import TOWARDS, turned, turned_fields, unknowns_of
 from .groups import IDENTITY, images
 from .irreducible import Representation, representations
@@ -36,7 +38,10 @@ class Basis:
     unknowns: Free
     """Its unknowns."""
     fields: tuple[sp.csr_matrix, ...]
-    """Per copy of the block the matrix (f, b) from its unknowns to the free degrees of freedom of the plate."""
+    """Per copy of the block the matrix (f, b) from its unknowns to those of the plate.
+
+    These are the free degrees of freedom.
+    """
     pattern: Pattern
     """Where the entries of the region's tangent go in the block."""
 
@@ -48,7 +53,7 @@ class Region:
     group: tuple[str, ...]
     """The symmetries that its states have."""
     problem: Problem
-    """The problem of the region: nodal fields are those of the whole plate, pressures those of the region's patches."""
+    """The region's problem: nodal fields of the whole plate, pressures of the region's patches."""
     own: Int[np.ndarray, " r"]
     """The volume groups of the plate that are the region's."""
     spread: sp.csr_matrix
@@ -59,7 +64,10 @@ def region(problem: Problem, group: tuple[str, ...]) -> Region:
     """`Region` of a ``problem`` that has a ``group``."""
     model, lists = problem.model, problem.model.lists
     chosen, sizes = representatives(lists, group)
-    taken = [jax.tree.map(lambda v, own=own: np.asarray(v)[own], block) for block, own in zip(model.blocks, chosen, strict=True)]
+    taken = [
+        jax.tree.map(lambda v, own=own: np.asarray(v)[own], block)
+        for block, own in zip(model.blocks, chosen, strict=True)
+    ]
     blocks = [counted(block, size) for block, size in zip(taken, sizes, strict=True)]
     real = [len(rows) > 0 for rows in chosen]
     own = own_groups(model.blocks, chosen)
@@ -67,15 +75,24 @@ def region(problem: Problem, group: tuple[str, ...]) -> Region:
     def part(parameter):
         if not isinstance(parameter, LocalValues):
             return parameter
-        points = [np.asarray(values)[rows] for values, rows in zip(parameter.points, chosen, strict=True) if len(rows)]
+        points = [
+            np.asarray(values)[rows]
+            for values, rows in zip(parameter.points, chosen, strict=True)
+            if len(rows)
+        ]
         return LocalValues(tuple(points), np.asarray(parameter.groups)[own], parameter.outline)
 
     lists = _region_lists(lists, group)
-    blocks = numbered(jax.device_put([block for block, some in zip(blocks, real, strict=True) if some]))
-    contact = None if model.contact is None else model.contact.standing_for_all(lists.holes)
-    model = dataclasses.replace(model, blocks=blocks, carries=np.asarray(model.carries)[own], lists=lists, contact=contact)
+    blocks = numbered(
+        jax.device_put([block for block, some in zip(blocks, real, strict=True) if some])
+    )
+    model = dataclasses.replace(
+        model, blocks=blocks, carries=np.asarray(model.carries)[own], lists=lists
+    )
     constraints = constraints_of(lists, problem.changes.edges)
-    reduced = problem.replace(model=model, gel=with_parameters(problem.gel, part), operators=None, constraints=constraints).prepared
+    reduced = problem.replace(
+        model=model, gel=with_parameters(problem.gel, part), operators=None, constraints=constraints
+    ).prepared
     return Region(group, reduced, own, _spread(problem.model, group, own))
 
 
@@ -88,17 +105,24 @@ def counted(block: PatchBlock, sizes: Float[Array, " r"]) -> PatchBlock:
 
 @once_per_owner
 def representatives(lists: Connectivity, group: tuple[str, ...]) -> tuple[list, list]:
-    """Per block the rows (r,) of the patches that the region has, and the sizes (r,) of their orbits."""
+    """Per block the rows (r,) of the region's patches, and their orbit sizes (r,)."""
     found, (_, first) = images(lists), patch_images(lists, group)
     orbits = np.stack([np.arange(len(first)), *(found[name].patches for name in group)])
     size = np.array([len(set(column)) for column in orbits.T])
     rows = [np.flatnonzero(first[patches] == patches) for patches in lists.patches]
-    return rows, [size[patches[r]].astype(float) for patches, r in zip(lists.patches, rows, strict=True)]
+    return rows, [
+        size[patches[r]].astype(float) for patches, r in zip(lists.patches, rows, strict=True)
+    ]
 
 
 @once_per_owner
-def patch_images(lists: Connectivity, group: tuple[str, ...]) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
-    """Number of the element, the identity first, that takes each patch to the region, and the patch to which it takes it."""
+def patch_images(
+    lists: Connectivity, group: tuple[str, ...]
+) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
+    """Element, identity first, that takes each patch to the region, and its image.
+
+    The element's number, and the patch to which it takes it.
+    """
     found, centres = images(lists), _patch_centres(lists)
     orbits = np.stack([np.arange(len(centres)), *(found[name].patches for name in group)])
     by = np.argmax(np.round(centres @ TOWARDS, 9)[orbits], axis=0)
@@ -117,56 +141,55 @@ def _patch_centres(lists):
 def _region_lists(lists: Connectivity, group: tuple[str, ...]) -> Connectivity:
     """The lists of the region's patches, with the symmetric unknowns."""
     rows = representatives(lists, group)[0]
-    parts = [(patches[r], points[r]) for patches, points, r in zip(lists.patches, lists.points, rows, strict=True) if len(r)]
+    parts = [
+        (patches[r], points[r])
+        for patches, points, r in zip(lists.patches, lists.points, rows, strict=True)
+        if len(r)
+    ]
     symmetric = representations(group)[0]
     return dataclasses.replace(
         lists,
         patches=tuple(patches for patches, _ in parts),
         points=tuple(points for _, points in parts),
         unknowns=unknowns_of(lists, symmetric),
-        holes=_holes(lists, group),
     )
 
 
-def _holes(lists, group):
-    """The numbers (h,) of holes such that every other one is an image of one of them."""
-    topology, found = lists.topology, images(lists)
-    vertex, number = np.full(len(topology.partition.vertices), -1), np.full(len(topology.node_vertices), -1)
-    for outline in topology.outlines:
-        vertex[outline.vertices] = outline.arc.hole
-    number[:] = vertex[topology.node_vertices]
-    stands = np.arange(len(topology.plate.holes))
-    for name in group:
-        on = number >= 0
-        np.minimum.at(stands, number[on], number[found[name].nodes[on]])
-    return np.unique(stands)
-
-
-# --- unknowns ----------------------------------------------------------------------------------------------------------------
+# --- unknowns -------------------------------------------------------------------------------------
 
 
 @once_per_owner
-def bases(lists: Connectivity, group: tuple[str, ...], contact_dmax: float | None) -> tuple[Basis, ...]:
-    """The `Basis` of every representation's block, that of the symmetric fields first, but for blocks without fields.
+def bases(
+    lists: Connectivity, group: tuple[str, ...], coupled: Couplings | None = None
+) -> tuple[Basis, ...]:
+    """`Basis` of every representation's block, symmetric first, without empty blocks.
 
-    ``contact_dmax`` as in ``mechanics.tangent_pattern``.
+    That of the symmetric fields; empty blocks have no fields. Their patterns have the node pairs
+    that contact ``coupled``.
     """
     own, found = _region_lists(lists, group), []
-    points, pairs = lists.topology.partition.vertices[lists.topology.node_vertices], node_pairs(own)[0]
+    points, pairs = (
+        lists.topology.partition.vertices[lists.topology.node_vertices],
+        all_pairs(own, coupled),
+    )
     for representation in representations(group):
         unknowns = unknowns_of(lists, representation)
         if len(unknowns):
-            at = points, unknowns.masters, [turned_fields(unknowns, lists, turn) for turn in representation.turns]
+            at = (
+                points,
+                unknowns.masters,
+                [turned_fields(unknowns, lists, turn) for turn in representation.turns],
+            )
             pattern = analyse(pairs, *at)
-            if contact_dmax is not None:
-                wider = np.concatenate([pairs, contact_pairs(own, contact_dmax)[0]])
-                pattern = dataclasses.replace(analyse(wider, *at), narrower=pattern)
-            fields = tuple(turned(unknowns, lists, turn) for turn in representation.turns[: representation.copies])
+            fields = tuple(
+                turned(unknowns, lists, turn)
+                for turn in representation.turns[: representation.copies]
+            )
             found.append(Basis(representation, unknowns, fields, pattern))
     return tuple(found)
 
 
-# --- pressures ---------------------------------------------------------------------------------------------------------------
+# --- pressures ------------------------------------------------------------------------------------
 
 
 def own_groups(blocks: tuple[PatchBlock, ...], chosen: list) -> Int[np.ndarray, " r"]:
@@ -179,12 +202,14 @@ def own_groups(blocks: tuple[PatchBlock, ...], chosen: list) -> Int[np.ndarray, 
 
 
 def _spread(model, group, own):
-    """The matrix (g, r) that takes the pressures of the region's groups ``own`` (r,) to those of all patches' groups."""
+    """Matrix (g, r) from pressures of the region's groups ``own`` (r,) to those of all groups."""
     _, to = patch_images(model.lists, group)
     column = np.full(sum(len(block.patches) * block.n_groups for block in model.blocks), -1)
     column[own] = np.arange(len(own))
     rows, columns, values, start = [], [], [], 0
-    for block, patches, shares in zip(model.blocks, model.lists.patches, group_shares(model, group), strict=True):
+    for block, patches, shares in zip(
+        model.blocks, model.lists.patches, group_shares(model, group), strict=True
+    ):
         g, there = block.n_groups, _rows_of(model.lists)[to[patches]]
         c, i, j = np.nonzero(shares)
         rows.append(start + c * g + i)
@@ -204,9 +229,10 @@ def _rows_of(lists):
 
 
 def group_shares(model: Model, group: tuple[str, ...]) -> list[Float[np.ndarray, "c g g"]]:
-    """Per block the shares (c, g, g) that the volume groups of each patch have of those of the region's patch to which it is taken.
+    """Per block shares (c, g, g) of each patch's groups in those of its image in the region.
 
-    Groups that carry volume change places; those that are held turn among themselves, as their moments do.
+    They are volume groups. Groups that carry volume change places; those that are held turn among
+    themselves, as their moments do.
     """
     lists, found = model.lists, images(model.lists)
     by, to = patch_images(lists, group)
@@ -220,13 +246,18 @@ def group_shares(model: Model, group: tuple[str, ...]) -> list[Float[np.ndarray,
         for k, name in enumerate([IDENTITY, *group]):
             here = np.flatnonzero(by[patches] == k)
             there = row[to[patches[here]]]
-            own[here] = _shares(block, here, there, slot, numbers, None if name == IDENTITY else found[name].points)
+            own[here] = _shares(
+                block, here, there, slot, numbers, None if name == IDENTITY else found[name].points
+            )
         shares.append(own)
     return shares
 
 
 def _shares(block, here, there, slot, numbers, image):
-    """Shares (r, g, g) of the pressures of patches in the rows ``there`` that those in the rows ``here`` have."""
+    """Shares (r, g, g) of pressures of the rows ``there`` in those of the rows ``here``.
+
+    Rows are those of patches.
+    """
     g = block.n_groups
     if image is None:
         return np.broadcast_to(np.eye(g), (len(here), g, g))
@@ -234,9 +265,19 @@ def _shares(block, here, there, slot, numbers, image):
     at = np.where(real, slot[image[np.maximum(numbers[here], 0)]], 0)
     weights, own = np.asarray(block.group_weight), np.asarray(block.weight)[here]
     own = np.where(real, own / own.sum(axis=1, keepdims=True), 0.0)
-    overlap = np.einsum("cq,cqi,cqj->cij", own, weights[here], np.take_along_axis(weights[there], at[:, :, None], axis=1))
+    overlap = np.einsum(
+        "cq,cqi,cqj->cij",
+        own,
+        weights[here],
+        np.take_along_axis(weights[there], at[:, :, None], axis=1),
+    )
     shares, m = overlap, block.carrying
     shares[:, :m, :] = shares[:, :, :m] = 0.0
-    size = np.einsum("cq,cqi,cqj->cij", own, weights[here][:, :, :m], np.take_along_axis(weights[there], at[:, :, None], axis=1)[:, :, :m])
+    size = np.einsum(
+        "cq,cqi,cqj->cij",
+        own,
+        weights[here][:, :, :m],
+        np.take_along_axis(weights[there], at[:, :, None], axis=1)[:, :, :m],
+    )
     shares[:, :m, :m] = size > 0.5 * size.max(axis=2, keepdims=True) if m > 1 else 1.0
     return shares

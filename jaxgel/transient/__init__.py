@@ -1,4 +1,4 @@
-"""Time: a gel in a bath swells as fast as the solvent moves."""
+"""Transient swelling: a gel in a bath, and the diffusion of its solvent."""
 
 from .bath import Bath, Time
 from .options import BathOptions, TimeOptions

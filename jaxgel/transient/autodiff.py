@@ -1,4 +1,7 @@
-"""Transient swelling as a function that JAX differentiates: the states are those of `run`, and their derivatives march on their own."""
+"""Transient swelling that JAX differentiates: states of `run`, derivatives by marching.
+
+They march on their own.
+"""
 
 import dataclasses
 import functools
@@ -14,7 +17,15 @@ from .._primitives import differentiated_value
 from .._programs import fitted
 from .._sizes import resized, taken
 from .._tracing import is_traced, value_and_tangents
-from ..continuation import OF_SOLVENT, RESIDUAL, SCALARS, Path, TracedSearch, padded_columns, warn_of_ill_posed
+from ..continuation import (
+    OF_SOLVENT,
+    RESIDUAL,
+    SCALARS,
+    Path,
+    TracedSearch,
+    padded_columns,
+    warn_of_ill_posed,
+)
 from ..equilibrium import Newton, Observer, first_order_only, no_tangents
 from ..mechanics import Bath as Instant
 from .bath import Bath, Time, moved_times, values_of
@@ -25,7 +36,10 @@ from .run import Start, check_numbers, check_swelling, run
 
 COLUMNS = {"x": "kn", "energy": "k", "pressure": "kg", "potential": "kg", "supplied": "kb"}
 """What is a function of the states: its axes."""
-INSIDE_JIT = "swell: is not available inside jax.jit or jax.vmap, as it cuts its steps on the way; take jax.grad or jax.jvp outside of them"
+INSIDE_JIT = (
+    "swell: is not available inside jax.jit or jax.vmap, as it cuts its steps on the way; take "
+    "jax.grad or jax.jvp outside of them"
+)
 OF_PATH = {*SCALARS, "derivative", "x", "pressure", *OF_SOLVENT} - {"value", "mu"}
 
 
@@ -39,20 +53,32 @@ def traced_swell(
     newton: Newton,
     observer: Observer,
 ) -> Path:
-    """`swell` under differentiation; states that are not reached are nan, with the status of the run."""
+    """`swell` under differentiation.
+
+    States that are not reached are nan, with the status of the run.
+    """
     problem = transport.problem.replace(operators=None)
-    inputs = dataclasses.replace(transport, problem=problem), [(bath.mu, bath.times) for bath in baths], start
+    inputs = (
+        dataclasses.replace(transport, problem=problem),
+        [(bath.mu, bath.times) for bath in baths],
+        start,
+    )
     options = tuple(times), jax.tree.map(differentiated_value, time), branch, newton, observer
     search, floats = TracedSearch.of(inputs, options, INSIDE_JIT)
     report = _states(search, floats)
     t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
     mu = _mean_mu(t, inputs[1], start.mean(problem.model))
-    return Path(problem=problem.replace(control=time), value=t, mu=mu, **report, **search.found["end"])
+    return Path(
+        problem=problem.replace(control=time), value=t, mu=mu, **report, **search.found["end"]
+    )
 
 
 @compiled()
 def _mean_mu(t, tables, at_start):
-    """Mean of mu (k,) of all baths, of (mu, times) each, at the times ``t`` (k,); the first one is that ``at_start``."""
+    """Mean of mu (k,) of all baths, of (mu, times) each, at the times ``t`` (k,).
+
+    The first one is that ``at_start``.
+    """
     values = [Bath(*map(jnp.asarray, table)).at(t[1:]) for table in tables]
     return jnp.append(at_start, jnp.mean(jnp.stack(values), axis=0))
 
@@ -67,19 +93,31 @@ def _states(search, floats):
     baths = [Bath(*map(np.asarray, table)) for table in tables]
     check_swelling(transport.problem)
     check_numbers(transport.problem, baths, transport.D)
-    transport = dataclasses.replace(transport, problem=transport.problem.prepared, D=float(transport.D))
+    transport = dataclasses.replace(
+        transport, problem=transport.problem.prepared, D=float(transport.D)
+    )
     path, first, steps = run(transport, Start(*map(np.asarray, start)), baths, *search.options)
     before, after = (np.array([getattr(step, name) for step in steps]) for name in ("start", "end"))
     times = before, after, [np.asarray(times) for _, times in tables]
-    march = March(transport, stages_of(first, steps, *_scheduled(*times, tables, start.mean(transport.model))))
+    march = March(
+        transport, stages_of(first, steps, *_scheduled(*times, tables, start.mean(transport.model)))
+    )
     end = {"symmetry": path.symmetry, "stop": path.stop, "stop_text": path.stop_text}
-    search.found.update(march=march, times=times, rows=2 * np.append(0, 1 + np.searchsorted(after, path.t[1:])), end=end)
+    search.found.update(
+        march=march,
+        times=times,
+        rows=2 * np.append(0, 1 + np.searchsorted(after, path.t[1:])),
+        end=end,
+    )
     return padded_columns(path, OF_PATH, 1 + len(search.options[0]) - len(path))
 
 
 @compiled()
 def _scheduled(before, after, numbers, tables, at_start):
-    """Lengths (S,) of the stages of steps between two times each, and the bath (S, b) at their ends, of (mu, times) of each bath."""
+    """Stage lengths (S,) of steps between times, and baths (S, b) at their ends.
+
+    Each step is between two times; the baths are by (mu, times) of each.
+    """
     baths = [Bath(*map(jnp.asarray, table)) for table in tables]
     before, after = (moved_times(t, baths, numbers) for t in (before, after))
     dt = after - before
@@ -98,14 +136,22 @@ def _states_jvp(search, primals, tangents):
     if not len(march.stages.tau):  # stopped before the first step
         return report, jax.tree.map(SymbolicZero.from_primal_value, report)
     inputs, dots = search.inputs(first_order_only(floats, "swell")), search.tangents(tangents[0])
-    shared, shared_dot = value_and_tangents(lambda transport: _observed_by_none(transport).shared, inputs[0], dots[0])
+    shared, shared_dot = value_and_tangents(
+        lambda transport: _observed_by_none(transport).shared, inputs[0], dots[0]
+    )
 
     model, stages, lengths = inputs[0].model, march.stages, shared.lengths
     schedule = functools.partial(_scheduled, *search.found["times"])
-    tau_dot, bath_dot = jax.jvp(schedule, (inputs[1], inputs[2].mean(model)), (dots[1], dots[2].mean(model)))[1]
+    tau_dot, bath_dot = jax.jvp(
+        schedule, (inputs[1], inputs[2].mean(model)), (dots[1], dots[2].mean(model))
+    )[1]
     at_start = {"x": dots[2].x, "m": dots[2].unknowns(model)}
-    states = {name: resized(at_start[name][None], np.shape(getattr(stages, name))) for name in at_start}
-    stages_dot = stages._replace(**states, pressure=np.zeros(stages.pressure.shape), tau=tau_dot, bath=bath_dot).shared(lengths)
+    states = {
+        name: resized(at_start[name][None], np.shape(getattr(stages, name))) for name in at_start
+    }
+    stages_dot = stages._replace(
+        **states, pressure=np.zeros(stages.pressure.shape), tau=tau_dot, bath=bath_dot
+    ).shared(lengths)
     nothing = np.zeros(len(stages_dot.end), jax.dtypes.float0)
     stages_dot = stages_dot._replace(end=nothing, first=nothing)
     found = stage_tangents(march, stages_dot, shared, shared_dot)
@@ -120,4 +166,6 @@ def _states_jvp(search, primals, tangents):
 def _observed_by_none(transport):
     """Without the outline, on which no residual depends."""
     problem = transport.problem
-    return dataclasses.replace(transport, problem=problem.replace(model=dataclasses.replace(problem.model, outline=None)))
+    return dataclasses.replace(
+        transport, problem=problem.replace(model=dataclasses.replace(problem.model, outline=None))
+    )

@@ -1,4 +1,4 @@
-"""The bath: the chemical potential that wetted boundary has in time."""
+"""Bath: chemical potential of a wetted part over time; for the parts see ``mechanics.solvent``."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -18,12 +18,11 @@ from ..controls import Setting, check_values
 
 @dataclasses.dataclass(frozen=True)
 class Bath:
-    """A bath with the chemical potential ``mu``, kT, from time 0 on, or with values ``mu`` at ``times``, linear in between.
+    """Chemical potential of a bath from time 0 on: constant, or linear between given times.
 
-    Before its first time it has its first value, and beyond its last time it keeps its last one. The
-    step from what the gel has at the start to its first value is a jump at time 0.
-
-    JAX differentiates by both.
+    The user makes it for `swell`. Before its first time it has its first value, and beyond its last
+    time its last one. The step from the potential of the gel at the start to the first value is a
+    jump at time 0. JAX differentiates by `mu` and `times`.
 
     >>> ramp = Bath([-1.0, -0.1], times=[0.0, 0.1])
     >>> [round(float(ramp.at(t)), 12) for t in (0.0, 0.05, 2.0)]
@@ -42,11 +41,18 @@ class Bath:
             object.__setattr__(self, "times", jnp.asarray(times, dtype=float))
             return
         times = check_values(times, "bath.times", "time", rising=True)
-        mu = finite_numbers(np.atleast_1d(np.asarray(self.mu, dtype=float)), (len(times),), "bath.mu")
+        mu = finite_numbers(
+            np.atleast_1d(np.asarray(self.mu, dtype=float)), (len(times),), "bath.mu"
+        )
         if times[0] < 0:
-            raise ValueError(f"bath.times: {times[0]:g} is not accepted, a bath begins at time 0 or later")
+            raise ValueError(
+                f"bath.times: {times[0]:g} is not accepted, a bath begins at time 0 or later"
+            )
         if max(mu) > 0:
-            raise ValueError(f"bath.mu: {max(mu):g} is not accepted, it must be at most 0 kT, that of the pure solvent")
+            raise ValueError(
+                f"bath.mu: {max(mu):g} is not accepted, it must be at most 0 kT, that of the pure "
+                "solvent"
+            )
         object.__setattr__(self, "mu", tuple(map(float, mu)))
         object.__setattr__(self, "times", tuple(map(float, times)))
 
@@ -65,9 +71,12 @@ class Bath:
         """Chemical potentials (...), kT, at times ``t``."""
         return _xp(t, self.times, self.mu).interp(t, self.times, self.mu)
 
-    def inverse_root_age(self, t: Float[Array, "..."], start: Scalar, *, rising: bool = False) -> Float[Array, "..."]:
-        """Means (...) of 1 / sqrt(t - s) over the changes at times s before ``t``, from the value at the ``start``, kT, with ``rising``
-        over those that raise mu; 0 without changes.
+    def inverse_root_age(
+        self, t: Float[Array, "..."], start: Scalar, *, rising: bool = False
+    ) -> Float[Array, "..."]:
+        """Means (...) of 1 / sqrt(t - s) over the changes at s < ``t``, from ``start``, kT.
+
+        The mean with ``rising`` is over changes that raise mu; 0 without changes.
         """
         xp = _xp(t, self.times, self.mu, start)
 
@@ -77,9 +86,15 @@ class Bath:
         jump = size(self.mu[0] - start)
         rates, total = jump / xp.sqrt(t), jump
         for k in range(len(self.mu) - 1):
-            first, last, change = self.times[k], self.times[k + 1], size(self.mu[k + 1] - self.mu[k])
+            first, last, change = (
+                self.times[k],
+                self.times[k + 1],
+                size(self.mu[k + 1] - self.mu[k]),
+            )
             total = total + change * xp.clip((t - first) / (last - first), 0.0, 1.0)
-            rates = rates + 2 * change / (last - first) * (_root(t - first, xp) - _root(t - last, xp))
+            rates = rates + 2 * change / (last - first) * (
+                _root(t - first, xp) - _root(t - last, xp)
+            )
         return xp.where(total > 0, rates / xp.where(total > 0, total, 1.0), 0.0)
 
 
@@ -95,9 +110,15 @@ def _xp(*values):
 def values_of(
     baths: Sequence[Bath], start: Sequence[Scalar], t: Float[Array, "..."]
 ) -> tuple[Float[Array, "... b"], Float[Array, "... b"], Float[Array, "... b"]]:
-    """Chemical potentials (..., b), kT, of several baths at times ``t``, their `inverse_root_age`, and that of rising changes."""
+    """Potentials (..., b), kT, of baths at ``t``, `inverse_root_age`, and that of rises.
+
+    The times are t; rises are changes that raise mu.
+    """
     own = list(zip(baths, start, strict=True))
-    rates, rising = ([bath.inverse_root_age(t, first, rising=only) for bath, first in own] for only in (False, True))
+    rates, rising = (
+        [bath.inverse_root_age(t, first, rising=only) for bath, first in own]
+        for only in (False, True)
+    )
     columns = [bath.at(t) for bath in baths], rates, rising
     xp = _xp(columns)
     return tuple(xp.stack(column, axis=-1) for column in columns)
@@ -146,8 +167,13 @@ def _values(tables, times):
 _compiled_values = compiled()(_values)
 
 
-def moved_times(t: Float[np.ndarray, " k"], baths: Sequence[Bath], numbers: Sequence[Float[np.ndarray, " j"]]) -> Float[Array, " k"]:
-    """Times ``t`` (k,), of which those at kinks of the ``baths``, whose times are these ``numbers``, are the baths' own."""
+def moved_times(
+    t: Float[np.ndarray, " k"], baths: Sequence[Bath], numbers: Sequence[Float[np.ndarray, " j"]]
+) -> Float[Array, " k"]:
+    """Times ``t`` (k,); those at kinks of the ``baths``, by ``numbers``, are the baths' own.
+
+    These are the numbers of their times.
+    """
     if not is_traced([bath.times for bath in baths]):
         return t
     moved = jnp.asarray(t)

@@ -1,12 +1,14 @@
-"""Derivatives of marched states with respect to all that they depend on; the times of the steps are held.
+"""Derivatives of marched states with respect to all that they depend on.
 
-Every stage s satisfies r_s(x_s, m_s; J of the stages that it began from, everything else) = 0, the forces and the balance of the solvent
-of `stage`. Differentiated,
+The times of the steps are held. Every stage s satisfies r_s(x_s, m_s; J of the stages that it began
+from, everything else) = 0, the forces and the balance of the solvent of `stage`. Differentiated,
 
-    T_s (dx_s, dm_s) = dr_s at fixed x_s and m_s - (0, sum of c_k B_k dx_k over the stages k that it began from)
+    T_s (dx_s, dm_s) = dr_s at fixed x_s and m_s - (0, sum of c_k B_k dx_k over the stages k that it
+    began from)
 
-with the matrix T_s of a Newton step, which is no approximation here, and B dx = P^T V dJ. So tangents march forwards in time and cotangents
-backwards, with one factor per stage, that of the symmetric part, and GMRES.
+with the matrix T_s of a Newton step, which is no approximation here, and B dx = P^T V dJ. So
+tangents march forwards in time and cotangents backwards, with one factor per stage, that of the
+symmetric part, and GMRES.
 """
 
 import dataclasses
@@ -26,7 +28,16 @@ from .._threads import few_threads
 from .._types import Array, Float, Int
 from ..equilibrium import Motions, moved
 from ..linalg import SingularTangent
-from ..mechanics import Bath, gather, linearise, potentials, pressure_at, residual, total_energy, volume_ratios
+from ..mechanics import (
+    Bath,
+    gather,
+    linearise,
+    potentials,
+    pressure_at,
+    residual,
+    total_energy,
+    volume_ratios,
+)
 from .march import GAMMA, Step
 from .problem import Transport
 from .stage import Stage, acting_potential, acting_problem, balance, balance_and_rates
@@ -63,17 +74,28 @@ class Stages(NamedTuple):
         """The same in the sizes of a shared form, with room for more stages: the last one again."""
         rows = rung(len(self.tau), 4)
         own = {"x": "kn", "pressure": "kg", "m": "kg"}
-        states = {name: padded(fitted(getattr(self, name), axes, lengths), rows + 1) for name, axes in own.items()}
+        states = {
+            name: padded(fitted(getattr(self, name), axes, lengths), rows + 1)
+            for name, axes in own.items()
+        }
         bath = Bath(*(padded(values, rows) for values in self.bath))
-        return self._replace(**states, bath=bath, **{name: padded(getattr(self, name), rows) for name in ("end", "first", "tau")})
+        return self._replace(
+            **states,
+            bath=bath,
+            **{name: padded(getattr(self, name), rows) for name in ("end", "first", "tau")},
+        )
 
 
 def stages_of(first: Stage, steps: Sequence[Step], tau: Float[Array, " S"], bath: Bath) -> Stages:
-    """`Stages` of a run from the ``first`` state with these ``steps``, of the lengths ``tau`` and in the ``bath`` (S, b)."""
+    """`Stages` of a run from the ``first`` state, of lengths ``tau`` and ``bath`` (S, b)."""
     states = [first, *(stage for step in steps for stage in (step.first, step.second))]
-    columns = (np.stack([getattr(state, name) for state in states]) for name in ("x", "pressure", "m"))
+    columns = (
+        np.stack([getattr(state, name) for state in states]) for name in ("x", "pressure", "m")
+    )
     number = np.arange(0, 2 * len(steps), 2)
-    return Stages(*columns, np.repeat(number, 2), np.stack([number, number + 1], axis=1).ravel(), tau, bath)
+    return Stages(
+        *columns, np.repeat(number, 2), np.stack([number, number + 1], axis=1).ravel(), tau, bath
+    )
 
 
 class Observed(NamedTuple):
@@ -91,22 +113,33 @@ class Observed(NamedTuple):
     """Solvent that has come in, mm^2; at the ends of steps."""
 
 
-def stage_tangents(march: "March", dots: Stages, transport: Transport, transport_dot: Transport) -> Observed:
+def stage_tangents(
+    march: "March", dots: Stages, transport: Transport, transport_dot: Transport
+) -> Observed:
     """Tangents of what is `Observed` at the stages of a `March`, in the sizes of their shared form.
 
-    They are those for tangents of the transport in its shared form, and ``dots`` of the stages: of the state at the start, of lengths and
-    bath, 0 for what is solved for.
+    They are those for tangents of the transport in its shared form, and ``dots`` of the stages: of
+    the state at the start, of lengths and bath, 0 for what is solved for.
     """
     stages = march.stages.shared(transport.lengths)
     leaves, structure = jax.tree.flatten((stages, transport))
-    (rows, g), shapes = march.shapes[1], [jax.ShapeDtypeStruct(shape, float) for shape in (stages.x.shape, *march.shapes)]
-    motion, forces, missing = tangents_of(_Residuals(structure), leaves, _moving((dots, transport_dot)), shapes)
+    (rows, g), shapes = (
+        march.shapes[1],
+        [jax.ShapeDtypeStruct(shape, float) for shape in (stages.x.shape, *march.shapes)],
+    )
+    motion, forces, missing = tangents_of(
+        _Residuals(structure), leaves, _moving((dots, transport_dot)), shapes
+    )
     dx, dm = marched.bind(forces, missing, march=march, transposed=False)
     x_dot = jnp.concatenate([motion[:1], moved(motion[1:], dx, transport.problem.free)])
     dots = dots._replace(x=x_dot, m=jnp.concatenate([dots.m[:1], dm]))
     parts = len(stages.bath.mu[0])
-    shapes = [jax.ShapeDtypeStruct((rows + 1, *shape), float) for shape in ((), (g,), (g,), (parts,))]
-    return Observed(x_dot, *tangents_of(_OfStages(structure), leaves, _moving((dots, transport_dot)), shapes))
+    shapes = [
+        jax.ShapeDtypeStruct((rows + 1, *shape), float) for shape in ((), (g,), (g,), (parts,))
+    ]
+    return Observed(
+        x_dot, *tangents_of(_OfStages(structure), leaves, _moving((dots, transport_dot)), shapes)
+    )
 
 
 def _moving(dots):
@@ -116,9 +149,10 @@ def _moving(dots):
 
 @dataclasses.dataclass(frozen=True)
 class _Residuals:
-    """Positions (S+1, n, 2), and forces (S, f) and missing solvent (S, g) of all stages, of the leaves of (`Stages`, `Transport`).
+    """Positions (S+1, n, 2), forces (S, f) and missing solvent (S, g) of all stages.
 
-    The positions move with the nodes of the dry plate as ``equilibrium.Motions`` says.
+    They depend on the leaves of (`Stages`, `Transport`). The positions move with the nodes of the
+    dry plate as ``equilibrium.Motions`` says.
     """
 
     structure: object
@@ -128,7 +162,9 @@ class _Residuals:
         stages, transport = jax.tree.unflatten(self.structure, leaves)
         problem, model = transport.problem, transport.model
         own = lax.stop_gradient(stages.x[1:])
-        motion = Motions(problem)(own, jnp.zeros(len(own)), model.nodes - lax.stop_gradient(model.nodes))
+        motion = Motions(problem)(
+            own, jnp.zeros(len(own)), model.nodes - lax.stop_gradient(model.nodes)
+        )
         x = jnp.concatenate([stages.x[:1], stages.x[1:] + motion])
 
         def of_stage(stage):
@@ -139,7 +175,16 @@ class _Residuals:
             p = pressure_at(volume_ratios(x, model), model, problem.gel, mu)
             return forces, balance(transport, x, p, m, old, tau, bath, reverse=True).missing
 
-        columns = x[1:], x[stages.end], x[stages.first], stages.pressure[1:], stages.m[1:], stages.shares, stages.tau, stages.bath
+        columns = (
+            x[1:],
+            x[stages.end],
+            x[stages.first],
+            stages.pressure[1:],
+            stages.m[1:],
+            stages.shares,
+            stages.tau,
+            stages.bath,
+        )
         return [x, *lax.map(jax.checkpoint(of_stage), columns)]
 
 
@@ -157,20 +202,34 @@ class _OfStages:
         def of_state(state):
             x, m = state
             mu, J = potentials(m, model), volume_ratios(x, model)
-            return total_energy(x, model, problem.gel, mu, problem.loads), pressure_at(J, model, problem.gel, mu), mu
+            return (
+                total_energy(x, model, problem.gel, mu, problem.loads),
+                pressure_at(J, model, problem.gel, mu),
+                mu,
+            )
 
         def inflow(stage):
             x, p, m, tau, bath = stage
-            return balance(transport, x, p, m, jnp.full(p.shape, 2.0), tau, bath, reverse=True).inflow
+            return balance(
+                transport, x, p, m, jnp.full(p.shape, 2.0), tau, bath, reverse=True
+            ).inflow
 
         energy, pressure, potential = lax.map(jax.checkpoint(of_state), (stages.x, stages.m))
-        rates = lax.map(jax.checkpoint(inflow), (stages.x[1:], pressure[1:], stages.m[1:], stages.tau, stages.bath))
+        rates = lax.map(
+            jax.checkpoint(inflow),
+            (stages.x[1:], pressure[1:], stages.m[1:], stages.tau, stages.bath),
+        )
         weights = jnp.where(stages.first == stages.end, (1 - GAMMA) / GAMMA, 1.0) * stages.tau
         supplied = jnp.cumsum(weights[:, None] * rates, axis=0)
-        return [energy, pressure, potential, jnp.concatenate([jnp.zeros((1, rates.shape[1])), supplied])]
+        return [
+            energy,
+            pressure,
+            potential,
+            jnp.concatenate([jnp.zeros((1, rates.shape[1])), supplied]),
+        ]
 
 
-# --- marching ----------------------------------------------------------------------------------------------------------------
+# --- marching -------------------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -188,7 +247,9 @@ class March:
         rows, lengths = rung(len(self.stages.tau), 4), self.transport.shared.lengths
         return (rows, lengths["f"]), (rows, lengths["g"])
 
-    def forwards(self, forces: Float[np.ndarray, "S f"], missing: Float[np.ndarray, "S u"]) -> tuple[np.ndarray, np.ndarray]:
+    def forwards(
+        self, forces: Float[np.ndarray, "S f"], missing: Float[np.ndarray, "S u"]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Changes (S, f) and (S, u) of the unknowns for these right-hand sides of the stages."""
         dx, dm, stages = np.zeros(forces.shape), np.zeros(missing.shape), self.stages
         taken = np.zeros((len(missing) + 1, missing.shape[1]))
@@ -202,7 +263,9 @@ class March:
                 taken[s + 1] = T.taken_up(dx[s])
         return dx, dm
 
-    def backwards(self, dx: Float[np.ndarray, "S f"], dm: Float[np.ndarray, "S u"]) -> tuple[np.ndarray, np.ndarray]:
+    def backwards(
+        self, dx: Float[np.ndarray, "S f"], dm: Float[np.ndarray, "S u"]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The transpose of `forwards`."""
         forces, missing, stages = np.zeros(dx.shape), np.zeros(dm.shape), self.stages
         taken = np.zeros((len(dm) + 1, dm.shape[1]))
@@ -218,12 +281,23 @@ class March:
     def _tangent(self, s):
         """The matrix of stage ``s`` at its end."""
         transport, stages = self.transport, self.stages
-        x, p, m, tau = stages.x[s + 1], stages.pressure[s + 1], stages.m[s + 1], np.float64(stages.tau[s])
+        x, p, m, tau = (
+            stages.x[s + 1],
+            stages.pressure[s + 1],
+            stages.m[s + 1],
+            np.float64(stages.tau[s]),
+        )
         acting = acting_problem(transport, m)
         now = linearise(acting, x, p, acting_potential(transport, m))
-        rates = balance_and_rates(transport, x, p, m, np.full(p.shape, 2.0), tau, Bath(*(np.asarray(values[s]) for values in stages.bath)))[
-            -1
-        ]
+        rates = balance_and_rates(
+            transport,
+            x,
+            p,
+            m,
+            np.full(p.shape, 2.0),
+            tau,
+            Bath(*(np.asarray(values[s]) for values in stages.bath)),
+        )[-1]
         flow = FlowMatrices.of(transport, x, tau, now, rates)
         return Tangent(factorised(transport, acting, now, x, p, flow), flow)
 
@@ -239,7 +313,11 @@ def _solved(T, rhs, *, transposed=False):
 
 def _marched(forces, missing, *, march, transposed):
     """On the host, in the sizes of the shared form."""
-    groups, f, S = march.transport.saddle.groups, len(march.transport.problem.free), len(march.stages.tau)
+    groups, f, S = (
+        march.transport.saddle.groups,
+        len(march.transport.problem.free),
+        len(march.stages.tau),
+    )
     own = np.asarray(forces)[:S, :f], np.asarray(missing)[:S][:, groups]
     with few_threads(f):
         found = march.backwards(*own) if transposed else march.forwards(*own)
@@ -249,20 +327,31 @@ def _marched(forces, missing, *, march, transposed):
 
 
 def _marched_jvp(args, dots, *, march, transposed):
-    dots = [jnp.zeros_like(arg) if dot is None else dot for arg, dot in zip(args, dots, strict=True)]
+    dots = [
+        jnp.zeros_like(arg) if dot is None else dot for arg, dot in zip(args, dots, strict=True)
+    ]
     return [marched.bind(*some, march=march, transposed=transposed) for some in (args, dots)]
 
 
 def _marched_transpose(cotangents, _, *, march, transposed):
     if all(one is None for one in cotangents):
         return [None, None]
-    given = [jnp.zeros(shape) if one is None else one for one, shape in zip(cotangents, march.shapes, strict=True)]
+    given = [
+        jnp.zeros(shape) if one is None else one
+        for one, shape in zip(cotangents, march.shapes, strict=True)
+    ]
     return marched.bind(*given, march=march, transposed=not transposed)
 
 
 def _marched_batch(args, axes, **parameters):
     size = next(arg.shape[axis] for arg, axis in zip(args, axes, strict=True) if axis is not None)
-    rows = [[arg if axis is None else jnp.moveaxis(arg, axis, 0)[k] for arg, axis in zip(args, axes, strict=True)] for k in range(size)]
+    rows = [
+        [
+            arg if axis is None else jnp.moveaxis(arg, axis, 0)[k]
+            for arg, axis in zip(args, axes, strict=True)
+        ]
+        for k in range(size)
+    ]
     found = [marched.bind(*row, **parameters) for row in rows]
     return [jnp.stack(part) for part in zip(*found, strict=True)], [0, 0]
 
@@ -281,4 +370,7 @@ marched = primitive(
     batch=_marched_batch,
     several=True,
 )
-"""`March.forwards` of the right-hand sides (S, f) and (S, g), or if ``transposed`` `March.backwards`, in the sizes of the shared form."""
+"""`March.forwards` of right-hand sides (S, f), (S, g), or `backwards` if ``transposed``.
+
+`March.backwards`; in the sizes of the shared form.
+"""

@@ -1,12 +1,13 @@
 """Steps in time: SDIRK2, two stages of one kind of equation.
 
-The method of Alexander (1977) with gamma = 1 - 1/sqrt 2 is of second order, L-stable, and ends with its second stage. Both stages take up
-solvent over gamma dt, from the volume ratios
+The method of Alexander (1977) with gamma = 1 - 1/sqrt 2 is of second order, L-stable, and ends with
+its second stage. Both stages take up solvent over gamma dt, from the volume ratios
 
     stage 1   J_n                                               bath at t_n + gamma dt
     stage 2   J_n + (1 - gamma) / gamma (J_1 - J_n)             bath at t_n + dt
 
-so that volume ratios are all that a step hands to the next one; positions, pressures and mu are values to start from.
+so that volume ratios are all that a step hands to the next one; positions, pressures and mu are
+values to start from.
 """
 
 import dataclasses
@@ -24,9 +25,10 @@ from .stage import Stage, acting_potential, acting_problem, solve_stage
 GAMMA = 1 - 1 / np.sqrt(2)
 MAX_HALVINGS = 14  # of a step at which Newton's method fails
 MAX_STEPS = 200  # tried between two times
-ROUND_OFF = 1e-9  # of the time that is left: a step that falls short of the end by no more goes to the end
+# of the time that is left: a step that falls short of the end by no more goes to the end
+ROUND_OFF = 1e-9
 FARTHEST = 10.0  # times the step before, in the root of time, up to which a state is extrapolated
-Instant = Callable[[float], Bath]  # what wetted parts see at a time
+Instant = Callable[[float], Bath]  # the bath at a time
 
 
 class Step(NamedTuple):
@@ -60,9 +62,14 @@ class Moment:
     """Time at which the last step began."""
 
     def state(self, transport: Transport, mu: float) -> State:
-        """The `State` in a bath of mean potential ``mu``, kT, linearised there; its stability is not computed."""
+        """The `State` in a bath of mean potential ``mu``, kT, linearised there.
+
+        Its stability is not computed.
+        """
         stage, potential = self.stage, acting_potential(transport, self.stage.m)
-        about = stage.linearisation or linearise(acting_problem(transport, stage.m), stage.x, stage.pressure, potential)
+        about = stage.linearisation or linearise(
+            acting_problem(transport, stage.m), stage.x, stage.pressure, potential
+        )
         return State(
             self.t,
             mu,
@@ -79,12 +86,19 @@ class Moment:
 
 
 def advance(
-    transport: Transport, before: Moment | None, now: Moment, end: float, bath: Instant, newton: Newton, observer: Observer
+    transport: Transport,
+    before: Moment | None,
+    now: Moment,
+    end: float,
+    bath: Instant,
+    newton: Newton,
+    observer: Observer,
 ) -> Moment:
-    """The `Moment` at ``end``, in one step or, if Newton's method fails, in steps that are halved and doubled again.
+    """The `Moment` at ``end``, in one step or, after failures, in halved and doubled steps.
 
-    The step that the moment ``before`` led to says where to start. The status of its stage says if no step was short enough, or too many
-    were tried, or if the matrix is singular there. The ``observer`` is told of iterates and of refused steps.
+    Failures of Newton's method. The step that the moment ``before`` led to says where to start. The
+    status of its stage says if no step was short enough, or too many were tried, or if the matrix
+    is singular there. The ``observer`` is told of iterates and of refused steps.
     """
     step, spent, halvings, tried, steps = end - now.t, 0, 0, 0, ()
     while now.t < end:
@@ -107,7 +121,9 @@ def _step(transport, before, now, end, bath, newton, observer):
 
     def solved(start, old, tau, t):
         def iterated(stage):
-            observer.iteration(Moment(t, stage, now.supplied, stage.iterations).state(transport, _mean(bath, t)))
+            observer.iteration(
+                Moment(t, stage, now.supplied, stage.iterations).state(transport, _mean(bath, t))
+            )
 
         return solve_stage(transport, start, old, tau, bath(t), newton=newton, iterated=iterated)
 
@@ -120,8 +136,15 @@ def _step(transport, before, now, end, bath, newton, observer):
     target = old + (1 - GAMMA) / GAMMA * (first.ratios - old)
     start = _extrapolated(now, Moment(middle, first, now.supplied), end)
     second = solved(start, target, GAMMA * dt, end)
-    supplied = now.supplied + dt * ((1 - GAMMA) * first.inflow + GAMMA * second.inflow) if second.status.ok else now.supplied
-    iterations, step = first.iterations + second.iterations, Step(now.t, end, first.light, second.light)
+    supplied = (
+        now.supplied + dt * ((1 - GAMMA) * first.inflow + GAMMA * second.inflow)
+        if second.status.ok
+        else now.supplied
+    )
+    iterations, step = (
+        first.iterations + second.iterations,
+        Step(now.t, end, first.light, second.light),
+    )
     return Moment(end, second, supplied, iterations, (step,), now.t)
 
 
@@ -131,11 +154,17 @@ def _mean(bath, t):
 
 
 def _extrapolated(before, now, t):
-    """A stage to start from at the time ``t``, linear in the root of time through two moments; the last one if these are close together."""
+    """A stage to start from at the time ``t``, linear in the root of time through two moments.
+
+    The last one if these are close together.
+    """
     step, last = np.sqrt(t) - np.sqrt(now.t), np.sqrt(now.t) - np.sqrt(before.t)
     if step >= FARTHEST * last:  # also of moments that differ by round-off
         return now.stage
     share = step / last
     columns = {name: getattr(now.stage, name) for name in ("x", "pressure", "m")}
-    columns = {name: value + share * (value - getattr(before.stage, name)) for name, value in columns.items()}
+    columns = {
+        name: value + share * (value - getattr(before.stage, name))
+        for name, value in columns.items()
+    }
     return Stage(**columns, ratios=now.stage.ratios, status=Status.NOT_CONVERGED)

@@ -15,7 +15,10 @@ STEPS_PER_DECADE = 10
 
 @dataclasses.dataclass(frozen=True)
 class TimeOptions:
-    """The times of the states of transient swelling, and the diffusivity of the solvent; checked when they are made."""
+    """The times of the states of transient swelling, and the diffusivity of the solvent.
+
+    Checked when they are made.
+    """
 
     end: float | None = option(None, POSITIVE)
     """Last time."""
@@ -40,9 +43,18 @@ class TimeOptions:
             if self.steps_per_decade is None:
                 object.__setattr__(self, "steps_per_decade", STEPS_PER_DECADE)
         else:
-            name = next((name for name in ("end", "steps_per_decade", "first") if getattr(self, name) is not None), None)
+            name = next(
+                (
+                    name
+                    for name in ("end", "steps_per_decade", "first")
+                    if getattr(self, name) is not None
+                ),
+                None,
+            )
             if name is not None:
-                raise ValueError(f"time.{name}: {getattr(self, name)!r} does not go with a list of times")
+                raise ValueError(
+                    f"time.{name}: {getattr(self, name)!r} does not go with a list of times"
+                )
             check_values(self.times, "time.times", self.unit or "time", rising=True)
 
     @property
@@ -57,7 +69,9 @@ class TimeOptions:
         """The times with half the steps."""
         if self.times is not None:
             ends = [0.0, *self.times]
-            return np.interp(np.arange(1, 2 * len(ends) - 1) / 2, np.arange(len(ends)), ends).tolist()
+            return np.interp(
+                np.arange(1, 2 * len(ends) - 1) / 2, np.arange(len(ends)), ends
+            ).tolist()
         first = None if self.first is None else self.first / 2
         return TimeSteps(self.end, first, 2 * self.steps_per_decade)
 
@@ -89,17 +103,29 @@ class BathOptions:
         if self.ramp is not None and self.times is not None:
             raise ValueError("bath: give one of times and ramp, not both")
         if isinstance(self.mu, tuple | list) != (self.times is not None):
-            text = "is a list, which goes with bath.times" if self.times is None else "is a number, bath.times goes with a list"
+            text = (
+                "is a list, which goes with bath.times"
+                if self.times is None
+                else "is a number, bath.times goes with a list"
+            )
             raise ValueError(f"bath.mu: {self.mu!r} {text}")
         if self.times is not None:
             if len(self.mu) != len(self.times):
-                raise ValueError(f"bath.mu: has {len(self.mu)} values, bath.times has {len(self.times)}")
+                raise ValueError(
+                    f"bath.mu: has {len(self.mu)} values, bath.times has {len(self.times)}"
+                )
             check_values(self.times, "bath.times", "time", rising=True)
 
     def bath(self, start: float, end: float) -> Bath:
-        """The `Bath` of a gel in equilibrium at ``start``, kT, at first; ValueError for a table that ends before the time ``end``."""
+        """The `Bath` of a gel in equilibrium at ``start``, kT, at first.
+
+        ValueError for a table that ends before the time ``end``.
+        """
         if self.ramp is not None:
             return Bath((start, self.mu), times=(0.0, self.ramp))
         if self.times is not None and self.times[-1] < end:
-            raise ValueError(f"bath.times: {self.times[-1]:g} is before the last time of the run, {end:g}; give the bath's mu up to then")
+            raise ValueError(
+                f"bath.times: {self.times[-1]:g} is before the last time of the run, {end:g}; "
+                "give the bath's mu up to then"
+            )
         return Bath(self.mu, times=self.times)

@@ -1,4 +1,4 @@
-"""A problem of equilibrium with the solvent that moves in it: all that a transient state depends on besides bath and time."""
+"""Problem of transient swelling: the problem of equilibrium with the solvent that moves in it."""
 
 import dataclasses
 import functools
@@ -27,19 +27,26 @@ from ..mechanics import (
 )
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["problem", "solvent", "D"], meta_fields=["wetted"])
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["problem", "solvent", "D"],
+    meta_fields=["wetted"],
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class Transport:
     """Equations of equilibrium and the solvent that moves; a pytree."""
 
     problem: Equations
-    """A `Problem` driven by the chemical potential, without contact; in the ``shared`` form its `Equations`."""
+    """A `Problem` driven by the chemical potential, without contact.
+
+    In the ``shared`` form its `Equations`.
+    """
     solvent: Solvent
     """The chemical potential as a field."""
     D: Scalar
     """Diffusivity of the solvent, mm^2 per unit of time."""
     wetted: tuple[str | int, ...]
-    """The wetted parts of the boundary; none in the ``shared`` form, where numbers stand for them."""
+    """The wetted parts of the boundary; none in the ``shared`` form, if numbers stand for them."""
 
     @property
     def model(self) -> Body:
@@ -69,7 +76,7 @@ def transport(problem: Problem, wetted: tuple[str | int, ...], D: Scalar = 1.0) 
     return Transport(problem, solvent_of(problem.model, wetted), D, wetted)
 
 
-# --- the matrix of a Newton step -------------------------------------------------------------------------------------------------
+# --- the matrix of a Newton step ------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,7 +90,10 @@ class Saddle:
     slots: tuple[Int[np.ndarray, "..."], ...]
     """Per block (c, t) the pair of places of each entry a <= b of a patch's list."""
     pairs: Int[np.ndarray, "s 2"]
-    """Pairs i <= j of groups that are places of one patch; one more slot stands for those that are none."""
+    """Pairs i <= j of groups that are places of one patch.
+
+    One more slot stands for those that are none.
+    """
     groups: Int[np.ndarray, " u"]
     """Groups in which the unknowns of mu are kept."""
     fields: sp.csr_matrix
@@ -93,36 +103,58 @@ class Saddle:
     means: tuple[Int[np.ndarray, "..."], ...]
     """Per block (c,) the unknown that is the mean of mu in each patch."""
     sides: tuple[Int[np.ndarray, "3 _"], ...]
-    """Per block the groups with wetted sides: their numbers among those of ``Wetting``, their patches, their places in the lists."""
+    """Per block the groups with wetted sides: numbers in ``Wetting``, patches, places.
+
+    Places are those in the lists.
+    """
 
 
 @once_per_owner
 def saddle(lists: Connectivity, wetted: tuple[str | int, ...]) -> Saddle:
     """`Saddle` of a model with these ``lists``, whose boundary is ``wetted`` in these parts."""
     positions, first = reference_groups(lists)
-    nodes, n = lists.topology.partition.vertices[lists.topology.node_vertices], len(lists.topology.node_vertices)
+    nodes, n = (
+        lists.topology.partition.vertices[lists.topology.node_vertices],
+        len(lists.topology.node_vertices),
+    )
     values, groups = _values(lists, first, len(positions))
     at, supports = places_of(lists, wetted)[0]
     counts = (supports > 0) & (at < len(positions))  # places that are groups
-    pairs, slots = pair_slots([(at[patches], counts[patches]) for patches in lists.patches], len(positions))
-    real = tuple(lists.support[patches][:, : int((lists.support[patches] > 0).sum(axis=1).max())] > 0 for patches in lists.patches)
+    pairs, slots = pair_slots(
+        [(at[patches], counts[patches]) for patches in lists.patches], len(positions)
+    )
+    real = tuple(
+        lists.support[patches][:, : int((lists.support[patches] > 0).sum(axis=1).max())] > 0
+        for patches in lists.patches
+    )
     means, couplings, sides = [], [], []
     wet = wetted_groups(lists, wetted)
     for patches, own in zip(lists.patches, real, strict=True):
         numbers = n + first[patches][:, None] + np.arange(_count(lists, patches))
-        ends = np.broadcast_arrays(lists.nodes[patches][:, None, : own.shape[1]], numbers[:, :, None])
+        ends = np.broadcast_arrays(
+            lists.nodes[patches][:, None, : own.shape[1]], numbers[:, :, None]
+        )
         couplings.append(np.stack(ends, axis=-1)[np.broadcast_to(own[:, None], ends[0].shape)])
         means.append(np.searchsorted(groups, first[patches]))
         inside = at[patches] - first[patches][:, None]  # a group of the patch itself
-        patch, place = np.nonzero((inside >= 0) & (inside < _count(lists, patches)) & (supports[patches] > 0) & np.isin(at[patches], wet))
+        patch, place = np.nonzero(
+            (inside >= 0)
+            & (inside < _count(lists, patches))
+            & (supports[patches] > 0)
+            & np.isin(at[patches], wet)
+        )
         sides.append(np.stack([np.searchsorted(wet, at[patches][patch, place]), patch, place]))
     free, each = unknowns(lists), np.arange(len(positions))
-    first_components = sp.csr_array((np.ones(len(each)), (2 * each, each)), (2 * len(each), len(each)))
+    first_components = sp.csr_array(
+        (np.ones(len(each)), (2 * each, each)), (2 * len(each), len(each))
+    )
     fields = sp.csr_matrix(sp.block_diag([free.matrix, first_components @ values]))
     masters = np.concatenate([np.asarray(free.masters), 2 * (n + groups)])
     every = np.concatenate([node_pairs(lists)[0], *couplings, n + pairs])
     pattern = analyse(every, np.concatenate([nodes, positions]), masters, [fields], late=n)
-    return Saddle(pattern, real, slots, pairs, groups, free.matrix, values, tuple(means), tuple(sides))
+    return Saddle(
+        pattern, real, slots, pairs, groups, free.matrix, values, tuple(means), tuple(sides)
+    )
 
 
 def _count(lists, patches):
@@ -131,11 +163,19 @@ def _count(lists, patches):
 
 
 def _values(lists, first, size):
-    """Matrix (g, u) from the unknowns of mu to its values in the groups that carry volume, and the groups in which they are kept."""
+    """Matrix (g, u) from the unknowns of mu to groups with volume, and the groups of these.
+
+    The latter are the groups in which they are kept.
+    """
     linear, alone = first[lists.linear], first[~lists.linear]
     kept = np.sort(np.concatenate([(linear[:, None] + np.arange(MOMENTS.shape[1])).ravel(), alone]))
     column = np.searchsorted(kept, linear)[:, None, None] + np.arange(MOMENTS.shape[1])
     row = linear[:, None, None] + np.arange(len(MOMENTS))[:, None]
     row, column, values = (part.ravel() for part in np.broadcast_arrays(row, column, MOMENTS))
-    rows, columns = np.concatenate([row, alone]), np.concatenate([column, np.searchsorted(kept, alone)])
-    return sp.csr_array((np.concatenate([values, np.ones(len(alone))]), (rows, columns)), (size, len(kept))), kept
+    rows, columns = (
+        np.concatenate([row, alone]),
+        np.concatenate([column, np.searchsorted(kept, alone)]),
+    )
+    return sp.csr_array(
+        (np.concatenate([values, np.ones(len(alone))]), (rows, columns)), (size, len(kept))
+    ), kept

@@ -1,4 +1,4 @@
-"""A run in time: a gel in its bath from one state on, to chosen times."""
+"""Runs in time: a gel in its bath from one state to chosen times."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -47,7 +47,10 @@ class Start(NamedTuple):
 
 @program(potential="g", returns=("g", None))
 def _unknowns_and_mean(model, potential):
-    mu, counts = jnp.where(model.carries, potential, 0.0), [jnp.full(block.groups.shape, block.carrying) for block in model.blocks]
+    mu, counts = (
+        jnp.where(model.carries, potential, 0.0),
+        [jnp.full(block.groups.shape, block.carrying) for block in model.blocks],
+    )
     unknowns = jnp.where(model.carries, moments(mu, model) / of_groups(counts, model), 0.0)
     return unknowns, jnp.sum(mu) / jnp.sum(model.carries)
 
@@ -56,7 +59,7 @@ class Run(NamedTuple):
     """What a run leaves."""
 
     path: Path
-    """Its states at the times that were asked for."""
+    """Its states at the requested times."""
     first: Stage
     """The state at time 0."""
     steps: list[Step]
@@ -73,27 +76,47 @@ def run(
     newton: Newton,
     observer: Observer,
 ) -> Run:
-    """The `Run` to these ``times``, with a bath for each wetted part, from time 0 or from the first states of the path.
+    """The `Run` to ``times``, with a bath per wetted part, from 0 or a path's first states.
 
     With the ``branch`` "stable" it ends before a state that is unstable at its chemical potentials.
-    A step depends on the states of the path alone, so that a run that was interrupted goes on to the same bits.
+    A step depends on the states of the path alone, so that a run that was interrupted goes on to
+    the same bits.
     """
     transport = dataclasses.replace(transport, problem=transport.problem.prepared)
     with few_threads(2 * transport.model.n_nodes):
         if isinstance(start, Start):
-            states = [_state(transport, _moment(transport, 0.0, start, np.zeros(len(baths))), float(start.mean(transport.model)))]
+            states = [
+                _state(
+                    transport,
+                    _moment(transport, 0.0, start, np.zeros(len(baths))),
+                    float(start.mean(transport.model)),
+                )
+            ]
             observer.accepted(states[0])
         else:
             states = list(start)
         first, steps = _of_state(transport, states[0]).stage, []
-        stop, text = _march(transport, baths, states, steps, times[len(states) - 1 :], branch, newton, observer)
-    path = Path.from_states(transport.problem.replace(control=time), states, stop=stop, stop_text=text)
+        stop, text = _march(
+            transport, baths, states, steps, times[len(states) - 1 :], branch, newton, observer
+        )
+    path = Path.from_states(
+        transport.problem.replace(control=time), states, stop=stop, stop_text=text
+    )
     lost = np.maximum.accumulate(path.negative_pivots) > 0
-    return Run(dataclasses.replace(path, derivative=np.where(lost, Status.LOST_STABILITY, Status.CONVERGED)), first, steps)
+    return Run(
+        dataclasses.replace(
+            path, derivative=np.where(lost, Status.LOST_STABILITY, Status.CONVERGED)
+        ),
+        first,
+        steps,
+    )
 
 
 def _march(transport, baths, states, steps, times, branch, newton, observer):
-    """Add to the ``states`` those at the ``times``, and to the ``steps``; how it ended, and a text if early."""
+    """Add to the ``states`` those at the ``times``, and to the ``steps``.
+
+    How it ended, and a text if early.
+    """
     at_start, kinks = [states[0].mu] * len(baths), kinks_of(baths)
 
     def instant(t):
@@ -102,27 +125,47 @@ def _march(transport, baths, states, steps, times, branch, newton, observer):
     for t in times:
         before, now = ([None, *states])[-2:]
         smooth = before is not None and not any(before.value < kink <= now.value for kink in kinks)
-        before, following, spent = _of_state(transport, before) if smooth else None, _of_state(transport, now), 0
+        before, following, spent = (
+            _of_state(transport, before) if smooth else None,
+            _of_state(transport, now),
+            0,
+        )
         for end in (*(kink for kink in kinks if now.value < kink < t), t):
             following = advance(transport, before, following, end, instant, newton, observer)
             before, spent = None, spent + following.iterations
             if not following.stage.status.ok:
                 break
             steps += following.steps
-        state = _state(transport, dataclasses.replace(following, iterations=spent), float(np.mean(instant(t).mu)))
+        state = _state(
+            transport,
+            dataclasses.replace(following, iterations=spent),
+            float(np.mean(instant(t).mu)),
+        )
         if not state.status.ok:
-            if following.stage.status.ok:  # otherwise `advance` has told it
+            if following.stage.status.ok:  # otherwise `advance` has reported it
                 observer.refused(state)
             missed = "".join(f"; {error}" for error in _missed(following.stage, newton))
-            text = f"the last step, from t = {following.began:.6g}, failed: {state.status.text}{missed}"
+            text = (
+                f"the last step, from t = {following.began:.6g}, failed: "
+                f"{state.status.text}{missed}"
+            )
             return state.status, f"stopped after t = {now.value:.6g}: {text}"
         if branch == "stable" and state.negative_pivots > 0:
             observer.refused(dataclasses.replace(state, status=Status.LOST_STABILITY))
-            text = f"at t = {t:.6g} the state is unstable at its chemical potentials, negative pivots: {state.negative_pivots}"
-            return Status.LOST_STABILITY, f'stopped after t = {now.value:.6g}: {text}; branch = "symmetric" goes on'
+            text = (
+                f"at t = {t:.6g} the state is unstable at its chemical potentials, negative "
+                f"pivots: {state.negative_pivots}"
+            )
+            return (
+                Status.LOST_STABILITY,
+                f'stopped after t = {now.value:.6g}: {text}; branch = "symmetric" goes on',
+            )
         if overlaps(state.x, transport.model):
             observer.refused(dataclasses.replace(state, status=Status.SELF_CONTACT))
-            return Status.SELF_CONTACT, f"stopped after t = {now.value:.6g}: {Status.SELF_CONTACT.text}"
+            return (
+                Status.SELF_CONTACT,
+                f"stopped after t = {now.value:.6g}: {Status.SELF_CONTACT.text}",
+            )
         observer.accepted(state)
         states.append(state)
     return Status.CONVERGED, ""
@@ -132,10 +175,17 @@ def _missed(stage, newton):
     """The errors of an iterate that are above their tolerances, in words."""
     errors = {
         "residual of the forces": (stage.residual, newton.tolerance),
-        "error of the volume ratios": (float(stage.linearisation.violation), newton.constraint_tolerance),
+        "error of the volume ratios": (
+            float(stage.linearisation.violation),
+            newton.constraint_tolerance,
+        ),
         "balance of the solvent": (stage.balance, BALANCE),
     }
-    return [f"{name} {error:.1e}, tolerance {most:.0e}" for name, (error, most) in errors.items() if not error < most]
+    return [
+        f"{name} {error:.1e}, tolerance {most:.0e}"
+        for name, (error, most) in errors.items()
+        if not error < most
+    ]
 
 
 def kinks_of(baths: Iterable[Bath]) -> list[float]:
@@ -145,7 +195,9 @@ def kinks_of(baths: Iterable[Bath]) -> list[float]:
 
 def _of_state(transport, state):
     """The `Moment` of a state of a path."""
-    return _moment(transport, state.value, Start(state.x, state.pressure, state.potential), state.supplied)
+    return _moment(
+        transport, state.value, Start(state.x, state.pressure, state.potential), state.supplied
+    )
 
 
 def _moment(transport, t, start, supplied):
@@ -155,24 +207,38 @@ def _moment(transport, t, start, supplied):
 
 
 def check_swelling(problem: Problem) -> None:
-    """Raise ValueError, one line that names the field, for what transient swelling does not cover."""
+    """Raise ValueError, one line with the field, for unsupported transient swelling."""
     plate = problem.model.lists.topology.plate
     if problem.has_contact:
-        raise Inadmissible("contact: is not part of transient swelling; give Problem(..., contact=False)")
+        raise Inadmissible(
+            "contact: is not part of transient swelling; give Problem(..., contact=False)"
+        )
     if not isinstance(problem.control, ChemicalPotential | Time):
-        raise Inadmissible(f"control: {problem.control.name} is not accepted, the bath drives transient swelling; leave the control out")
+        raise Inadmissible(
+            f"control: {problem.control.name} is not accepted, the bath drives transient "
+            "swelling; leave the control out"
+        )
     if problem.model.film:
-        raise Inadmissible("kinematics: a film drinks through its faces, too, which transient swelling does not cover")
+        raise Inadmissible(
+            "kinematics: a film drinks through its faces, too, which transient swelling does not "
+            "cover"
+        )
     if "periodic" in plate.edges.values():
         raise Inadmissible("edges: periodic edges are not covered by transient swelling")
     if isinstance(problem.gel, Filled):
         raise Inadmissible("gel: a plate with elastomers is not covered by transient swelling")
     if not is_traced(problem) and not np.all(rises_always(gel_in_groups(problem.gel))):
-        raise Inadmissible("gel: can separate into phases, or is not known not to, which transient swelling does not cover")
+        raise Inadmissible(
+            "gel: can separate into phases, or is not known not to, which transient swelling does "
+            "not cover"
+        )
 
 
 def check_numbers(problem: Problem, baths: Iterable[Bath], D: Scalar) -> None:
-    """Raise ValueError, one line, for a diffusivity and baths that cannot be used; traced values pass."""
+    """Raise ValueError, one line, for a diffusivity and baths that cannot be used.
+
+    Traced values pass.
+    """
     if not is_traced(D) and not (np.isfinite(D) and D > 0):
         raise ValueError(f"D: {D} is not accepted, it must be a number > 0 (mm^2 per unit of time)")
     mu = [bath.mu for bath in baths]
@@ -186,7 +252,9 @@ def _state(transport, moment, mu):
     if not found.status.ok:
         return found.light
     try:
-        made = factorised_tangent(acting_problem(transport, moment.stage.m), found.x, found.pressure, found.linearisation)
+        made = factorised_tangent(
+            acting_problem(transport, moment.stage.m), found.x, found.pressure, found.linearisation
+        )
     except SingularTangent:
         return dataclasses.replace(found.light, status=Status.SINGULAR)
     return dataclasses.replace(found.light, stability=Stability(made.negative_pivots))

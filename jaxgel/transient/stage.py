@@ -2,17 +2,18 @@
 
 A stage of length tau takes up what has moved since volume ratios J_old,
 
-    force      loads - network' - G p = 0,                                     p_g = l3 (dphi_g/dJ - mu_g),  mu = P m
+    force      loads - network' - G p = 0,   p_g = l3 (dphi_g/dJ - mu_g),  mu = P m
     solvent    P^T V (J - J_old) + tau S P^T (A mu - layer) = 0
 
-where J is l3 times the areal stretch, with the axial stretch l3, A is the flow, layer that of thin layers, and S its share, see
-``mechanics.solvent_flow``. Every p is feasible, and is linearised as in ``mechanics.mixed``. With the pressures eliminated a step solves
+where J is l3 times the areal stretch, with the axial stretch l3, A is the flow, layer that of thin
+layers, and S its share, see ``mechanics.solvent_flow``. Every p is feasible, and is linearised as
+in ``mechanics.mixed``. With the pressures eliminated a step solves
 
     [ K            -B^T             ] [dx]     [forces      ]
     [ -B - tau S X -tau S (A + A_M) ] [dm]  =  [the balance ]
 
-where X and A_M come from the mobility, which changes with the state. Without these and S the matrix is symmetric and quasi-definite; its
-factor preconditions GMRES.
+where X and A_M come from the mobility, which changes with the state. Without these and S the matrix
+is symmetric and quasi-definite; its factor preconditions GMRES.
 """
 
 import dataclasses
@@ -53,9 +54,12 @@ from .problem import Transport
 from .tangent import FlowMatrices, Rates, Tangent, factorised
 
 BALANCE = 1e-12  # largest error of the balance of the solvent, over the solvent in the gel
-ROUND_OFF = 1e-13  # correction of mu, over its size, after which the balance is as good as it gets: of a long stage less than BALANCE
+# correction of mu, over its size, after which the balance is as good as it gets: of a long stage
+# less than BALANCE
+ROUND_OFF = 1e-13
 GMRES = 1e-3  # of the right-hand side, left by the iterations of one correction
-SLOW = 1e-3  # a correction that leaves more than this of the error makes a new factor worth its cost
+# a correction that leaves more than this of the error makes a new factor worth its cost
+SLOW = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -99,9 +103,9 @@ def solve_stage(
     newton: Newton,
     iterated: Callable[[Stage], object],
 ) -> Stage:
-    """The `Stage` of length ``tau`` from the volume ratios ``old`` (g,), with the ``bath`` at its end, from the iterate ``start``.
+    """The `Stage` of length ``tau`` from volume ratios ``old`` (g,), ``bath`` and ``start``.
 
-    ``iterated`` is called with each iterate.
+    The bath is that at its end, the start an iterate. ``iterated`` is called with each iterate.
     """
     x, p, m, made, before, iterations = start.x, start.pressure, start.m, None, np.inf, 0
     f, moved = len(transport.problem.free), np.inf
@@ -112,9 +116,24 @@ def solve_stage(
         missing, J, inflow = map(np.asarray, (missing, J, inflow))
         residual, violation = float(now.residual_norm), float(now.violation)
         balance = float(np.abs(missing).max() / solvent_in(transport, J))
-        error = max(residual / newton.tolerance, violation / newton.constraint_tolerance, (balance / BALANCE) * (moved > ROUND_OFF))
+        error = max(
+            residual / newton.tolerance,
+            violation / newton.constraint_tolerance,
+            (balance / BALANCE) * (moved > ROUND_OFF),
+        )
         status = of_iterate(error, error < 1, iterations >= newton.max_iterations)
-        found = Stage(x, p, m, J, Status.NOT_CONVERGED if status is None else status, iterations, residual, balance, inflow, now)
+        found = Stage(
+            x,
+            p,
+            m,
+            J,
+            Status.NOT_CONVERGED if status is None else status,
+            iterations,
+            residual,
+            balance,
+            inflow,
+            now,
+        )
         iterated(found)
         if status is not None:
             return found
@@ -124,12 +143,18 @@ def solve_stage(
                 made, at = factorised(transport, acting, now, x, p, flow), now
         except SingularTangent:
             return dataclasses.replace(found, status=Status.SINGULAR)
-        rhs = np.concatenate([np.asarray(condensed_rhs(acting, now, at)), missing[transport.saddle.groups]])
+        rhs = np.concatenate(
+            [np.asarray(condensed_rhs(acting, now, at)), missing[transport.saddle.groups]]
+        )
         change = Tangent(made, flow).solve(rhs, GMRES)
         dm = np.zeros(len(m))
         dm[transport.saddle.groups] = change[f:]
         x, p, m = _stepped(transport, x, p, m, change[:f], dm, now, at)
-        before, iterations, moved = error, iterations + 1, np.abs(dm).max() / (1 + np.abs(np.asarray(m)).max())
+        before, iterations, moved = (
+            error,
+            iterations + 1,
+            np.abs(dm).max() / (1 + np.abs(np.asarray(m)).max()),
+        )
 
 
 def acting_potential(transport: Transport, m: Float[Array, " g"]) -> Float[np.ndarray, " g"]:
@@ -171,17 +196,38 @@ def balance(
     *,
     reverse: bool = False,
 ) -> Balance:
-    """`Balance` of a stage of length ``tau`` that began with the volume ratios ``old`` (g,); of transport in its ``shared`` form."""
+    """`Balance` of a stage of length ``tau`` that began with the volume ratios ``old`` (g,).
+
+    Of transport in its ``shared`` form.
+    """
     equations, solvent, D = transport.problem, transport.solvent, transport.D
     model, wet, mu = equations.model, solvent.wetting, potentials(m, equations.model)
     J = volume_ratios(x, model)
-    moving = carried(p, places(m, bath.mu, model, solvent), model, equations.gel, solvent, reverse=reverse)
+    moving = carried(
+        p, places(m, bath.mu, model, solvent), model, equations.gel, solvent, reverse=reverse
+    )
     leaving = flow(x, moving, model, solvent, D, reverse=reverse)
-    brought = layer_flow(along_sides(x, model, solvent), in_wet_groups(mu, solvent, -1.0), model, equations.gel, solvent, bath, D)
+    brought = layer_flow(
+        along_sides(x, model, solvent),
+        in_wet_groups(mu, solvent, -1.0),
+        model,
+        equations.gel,
+        solvent,
+        bath,
+        D,
+    )
     of_groups = leaving[: len(J)].at[wet.groups].add(-brought, mode="drop")
     kept = jnp.where(model.carries, all_volumes(model) * axial_stretch(model) * (J - old), 0.0)
-    inflow = jnp.zeros_like(bath.mu).at[wet.node_parts].add(leaving[len(J) :]).at[wet.group_parts].add(brought)
-    going = linear_share(model, solvent, bath, D) * moments(jnp.where(model.carries, of_groups, 0.0), model)
+    inflow = (
+        jnp.zeros_like(bath.mu)
+        .at[wet.node_parts]
+        .add(leaving[len(J) :])
+        .at[wet.group_parts]
+        .add(brought)
+    )
+    going = linear_share(model, solvent, bath, D) * moments(
+        jnp.where(model.carries, of_groups, 0.0), model
+    )
     return Balance(moments(kept, model) + tau * going, J, inflow, moving)
 
 
@@ -213,7 +259,9 @@ def balance_and_rates(
 def solvent_in(problem: Transport, J: Float[Array, " g"]) -> Float[Array, ""]:
     """Solvent in the gel, mm^2, at the volume ratios ``J`` (g,)."""
     model = problem.model
-    return jnp.sum(jnp.where(model.carries, all_volumes(model) * (axial_stretch(model) * J - 1), 0.0))
+    return jnp.sum(
+        jnp.where(model.carries, all_volumes(model) * (axial_stretch(model) * J - 1), 0.0)
+    )
 
 
 @program(x="n", p="g", m="g", dx="f", dm="g", returns=("n", "g", "g"))
@@ -221,5 +269,7 @@ def _stepped(problem, x, p, m, dx, dm, now, at):
     """Positions, pressures and unknowns of mu after a correction."""
     equations = problem.problem
     field = scatter(dx, equations.free)
-    change = axial_stretch(equations.model) * jnp.where(equations.model.carries, potentials(dm, equations.model), 0.0)
+    change = axial_stretch(equations.model) * jnp.where(
+        equations.model.carries, potentials(dm, equations.model), 0.0
+    )
     return x + field, p + pressure_step(field, now, at, equations.model) - change, m + dm

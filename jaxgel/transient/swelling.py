@@ -1,4 +1,4 @@
-"""The public verb of transient swelling: states of a gel in a bath at chosen times."""
+"""Transient swelling: states of a gel in a bath at chosen times."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,14 +28,25 @@ Baths = Scalar | Bath | Mapping[str | int, Scalar | Bath | None]
 
 @dataclasses.dataclass(frozen=True)
 class TimeSteps:
-    """Times that grow geometrically, ``per_decade`` to a decade, from ``first`` to ``end``, in the unit of time of D.
+    """Times of `swell` that grow geometrically from `first` to `end`; the user makes it.
 
-    Steps begin anew at each kink of the bath. The default ``first`` is a thousandth of the time in which solvent moves a node spacing.
+    Steps begin anew at each kink of the bath.
+
+    >>> import jaxgel
+    >>> cloud = jaxgel.make_cloud(jaxgel.Plate(1.0, 1.0, edges={"top": "free"}), spacing=0.25)
+    >>> problem = jaxgel.Problem(jaxgel.discretise(cloud), jaxgel.Gel(1e-3, 0.1), contact=False)
+    >>> times = jaxgel.TimeSteps(0.1, first=1e-4, per_decade=1)
+    >>> path = jaxgel.swell(problem, -0.4999, times, start=-0.5)
+    >>> path.t.round(9).tolist(), path.stop.ok
+    ([0.0, 0.0001, 0.001, 0.01, 0.1], True)
     """
 
     end: float
+    """Last time, in the unit of time of D."""
     first: float | None = None
+    """First time above 0; None for a thousandth of the time to diffuse over a node spacing."""
     per_decade: int = 10
+    """Number of steps to a decade of time."""
 
     def __post_init__(self) -> None:
         check_values([0.0, self.end], "end", "time", rising=True)
@@ -44,14 +55,21 @@ class TimeSteps:
         if not self.per_decade >= 1:
             raise ValueError(f"per_decade: {self.per_decade} is not accepted, it must be 1 or more")
 
-    def values(self, spacing: float, D: float, kinks: Sequence[float] = ()) -> Float[np.ndarray, " k"]:
+    def values(
+        self, spacing: float, D: float, kinks: Sequence[float] = ()
+    ) -> Float[np.ndarray, " k"]:
         """The times (k,) for a cloud of this node ``spacing``, mm, the ``kinks`` among them."""
         first = min(1e-3 * spacing**2 / D, self.end / 2) if self.first is None else self.first
         starts = [0.0, *(kink for kink in kinks if kink < self.end)]
         times = set()
         for start, last in zip(starts, [*starts[1:], self.end], strict=True):
             count = int(np.ceil(self.per_decade * np.log10(max((last - start) / first, 1.0)))) + 1
-            times |= {start + step for step in np.geomspace(min(first, last - start), last - start, count).tolist()[:-1]} | {last}
+            times |= {
+                start + step
+                for step in np.geomspace(min(first, last - start), last - start, count).tolist()[
+                    :-1
+                ]
+            } | {last}
         return np.array(sorted(times))
 
 
@@ -67,42 +85,42 @@ def swell(
     newton: Newton = NEWTON,
     observer: Observer = UNOBSERVED,
 ) -> Path:
-    """`Path` of the states of a gel in a ``bath`` at the ``times``, the first one at time 0.
+    """`Path` of the states of a gel in a bath at chosen times, the first one at time 0.
 
-    ``start`` is the chemical potential, kT, at which the gel is in equilibrium before, or a `State`,
-    the last one of another run, say; or the `Path` of the first states of this run, which is continued
-    with the states, to the last bit, that a run without interruption has. Bath and loads act from time
-    0 on. Solvent moves through the gel with the diffusivity ``D``, mm^2 per unit of time, see
-    ``materials.transport``; only ``D`` times the time counts. ``unit`` is the unit of time in figures
-    and files. ``bath`` is a chemical potential, kT, or a `Bath`, of all that can be wetted: holes and
-    free edges. Or a mapping from the numbers of holes and the names of free edges to baths; what it
-    leaves out, or gives as None, is sealed. ``times`` are those of the states, and of the steps between
-    them, or `TimeSteps`.
+    Arguments:
 
-    The path has the times as ``t`` (k,), which are its ``value``, the mean chemical potential of the wetted boundary as ``mu`` (k,), that
-    of the solvent in every volume group as ``potential`` (k, g), and ``supplied`` (k, b), the solvent that has come in through each wetted
-    part, mm^2. ``negative_pivots`` are those of the tangent at this potential. If Newton's method fails a step is halved, up to 14 times;
-    if that does not help, or if an outline meets itself, the path ends early, with the reason in ``path.stop`` and ``path.stop_text``.
-    So it does before a state that is unstable at its chemical potentials, which a perturbation would leave as solvent moves; with the
-    ``branch`` "symmetric" it goes on, and derivatives of the states from there on are flagged (``path.derivative``).
+    - `problem`: the `Problem`, without contact, controlled by mu.
+    - `bath`: chemical potential, kT, or a `Bath`, at all that can be wetted: holes and free edges.
+      Or a mapping from numbers of holes and names of free edges to these; what is left out or None
+      is sealed.
+    - `times` (k,): times of the states, and of the steps between them; or `TimeSteps`.
+    - `start`: chemical potential, kT, of the equilibrium before; or a `State`, such as the last of
+      another run; or the `Path` of the first states of this run, continued to the last bit as in a
+      run without interruption. Bath and loads act from time 0 on; the bath counts as changed then
+      also for a state on its way to it.
+    - `D`: diffusivity of the solvent, mm^2 per unit of time, see `materials.transport`; only `D`
+      times the time counts.
+    - `unit`: unit of time in figures and files.
+    - `branch`: "stable" ends the path before a state that is unstable at its chemical potentials,
+      which a perturbation would leave as solvent moves; "symmetric" does not, and flags derivatives
+      of the states from there on (`path.derivative`).
+    - `newton`, `observer`: as in `sweep`.
 
-    Until the layer below a surface is as thick as its cells the uptake is that of a half-space, good to about 10 % in films and 20 % along
-    holes, see docs/theory.md. The bath counts as changed at time 0, also if the ``start`` is a state on the way to it.
+    Returns the path, with the times `t`, `potential` and `supplied`; see `Path`. If Newton's method
+    fails a step is halved, up to 14 times; if that does not help, or if an outline meets itself,
+    the path ends early, with the reason in `path.stop` and `path.stop_text`. Until the layer below
+    a surface is as thick as its cells the uptake is that of a half-space, good to about 10 % in
+    films and 20 % along holes, see docs/theory.md. JAX differentiates the path, once, by the
+    problem, `D`, the `start`, and the values and times of the bath. Times of steps are constant,
+    but for kinks of the bath.
 
-    Raises ValueError, one line, for a bath, times or a problem that cannot be used: films, periodic edges, contact, gels that can separate
-    into phases, elastomers, and controls other than the chemical potential are not. Hong, Zhao, Zhou & Suo (2008).
-
-    JAX differentiates the path, once, by the problem, ``D``, the ``start``, and the values and times of the bath. Times of steps are held,
-    but for kinks of the bath. Inside ``jax.jit`` and ``jax.vmap`` it is refused.
-
-    >>> import jaxgel
-    >>> plate = jaxgel.Plate(1.0, 1.0, edges={"top": "free"})
-    >>> problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25)), jaxgel.Gel(1e-3, 0.1), contact=False)
-    >>> path = jaxgel.swell(problem, -0.4999, [1e-4, 1e-3, 1e-2, 0.1], start=-0.5)
-    >>> path.t.tolist(), path.stop.ok
-    ([0.0, 0.0001, 0.001, 0.01, 0.1], True)
+    Raises `ValueError`, one line, for an unusable bath, times or problem (films, periodic edges,
+    contact, gels with phases, elastomers, other controls), and inside `jax.jit` and `jax.vmap`.
+    Source: Hong, Zhao, Zhou & Suo (2008). Example: docs/howto/time.md.
     """
-    check_kind("problem", problem, Problem, "a Problem, as Problem(model, gel, contact=False) makes it")
+    check_kind(
+        "problem", problem, Problem, "a Problem, as Problem(model, gel, contact=False) makes it"
+    )
     baths = baths_of(problem, bath)
     inputs = jax.tree.leaves((problem, D, start, [(one.mu, one.times) for one in baths.values()]))
     if is_traced([differentiated_value(leaf) for leaf in inputs]):
@@ -116,7 +134,10 @@ def swell(
     options = tuple(baths.values()), times, time_in(baths, D, unit), branch, newton, observer
     if isinstance(start, Path):
         if is_traced(inputs):
-            raise ValueError("start: a path goes on without derivatives; give the state path[-1], whose run is differentiated")
+            raise ValueError(
+                "start: a path goes on without derivatives; give the state path[-1], whose run is "
+                "differentiated"
+            )
         return run(made, _first_states(start, times), *options).path
     first = _start(problem, start, newton)
     if is_traced(inputs, first):
@@ -125,23 +146,37 @@ def swell(
 
 
 def step_times(
-    problem: Problem, baths: Mapping[str | int, Bath], times: Sequence[float] | Float[Array, " k"] | TimeSteps, D: Scalar = 1.0
+    problem: Problem,
+    baths: Mapping[str | int, Bath],
+    times: Sequence[float] | Float[Array, " k"] | TimeSteps,
+    D: Scalar = 1.0,
 ) -> Float[np.ndarray, " k"]:
-    """The times (k,) of the states of `swell` after the first one; ValueError, one line, if they are not above 0 and rising."""
+    """The times (k,) of the states of `swell` after the first one.
+
+    ValueError, one line, if they are not above 0 and rising.
+    """
     if isinstance(times, TimeSteps):
         spacing = problem.model.lists.topology.node_spacing.min()
-        return times.values(float(spacing), float(differentiated_value(D)), kinks_of(baths.values()))
+        return times.values(
+            float(spacing), float(differentiated_value(D)), kinks_of(baths.values())
+        )
     numbers = check_values(times, "times", "time", rising=True)
     if not numbers[0] > 0:
-        raise ValueError(f"times: {numbers[0]:g} is not accepted, the first must be above 0, at which the start is")
+        raise ValueError(
+            f"times: {numbers[0]:g} is not accepted, the first must be above 0, at which the "
+            "start is"
+        )
     return numbers
 
 
-def resolved_time(problem: Problem, wetted: Iterable[str | int], mu: float, D: Scalar = 1.0) -> float:
-    """Time from which on the boundary layer is as thick as the cells at the ``wetted`` parts: h^2 / D_eff; nan if it is not known.
+def resolved_time(
+    problem: Problem, wetted: Iterable[str | int], mu: float, D: Scalar = 1.0
+) -> float:
+    """Time at which the boundary layer is as thick as the ``wetted`` cells: h^2 / D_eff.
 
-    h is the largest node spacing there, D_eff the least diffusivity along a stretch of the gel that swells freely at ``mu``, kT. Until then
-    the uptake is that of a half-space, see `swell`.
+    nan if it is not known. h is the largest node spacing there, D_eff the least diffusivity along a
+    stretch of the gel that swells freely at ``mu``, kT. Until then the uptake is that of a
+    half-space, see `swell`.
     """
     lists, axial = problem.model.lists, problem.model.axial_stretch
     nodes = np.concatenate([wetted_parts(lists)[part] for part in wetted])
@@ -155,14 +190,20 @@ def resolved_time(problem: Problem, wetted: Iterable[str | int], mu: float, D: S
 
 
 def _first_states(path, times):
-    """The states of a path to go on from; ValueError if they are not the first ones of a run with these times."""
+    """The states of a path to go on from.
+
+    ValueError if they are not the first ones of a run with these times.
+    """
     if path.t is None or path.t[0] != 0 or not np.array_equal(path.t[1:], times[: len(path) - 1]):
-        raise ValueError("start: the path is not one of swell with these times; give its first states, or a State")
+        raise ValueError(
+            "start: the path is not one of swell with these times; give its first states, or a "
+            "State"
+        )
     return [path[k] for k in range(len(path))]
 
 
 def _start(problem, start, newton):
-    """The `Start` that is a state, or the equilibrium at a chemical potential, by way of drier ones if it is not found at once."""
+    """`Start` from a state, or from the equilibrium at a mu, by way of drier ones if needed."""
     model = problem.model
     if not isinstance(start, State):
         try:
@@ -170,25 +211,45 @@ def _start(problem, start, newton):
         except SweepFailed:
             path = sweep(problem, [start - below for below in DRIER], newton=newton)
         if not path.stop.ok:
-            raise Inadmissible(f"start: {differentiated_value(start):g} kT is not reached: {path.stop_text}")
+            raise Inadmissible(
+                f"start: {differentiated_value(start):g} kT is not reached: {path.stop_text}"
+            )
         last = np.array(len(path) - 1)
         x, pressure = taken(path.x, last), taken(path.pressure, last)
         return Start(x, pressure, taken(path.mu, np.full(model.carries.shape, last)))
-    x, pressure, mu = start.x, start.pressure, start.mu if start.potential is None else start.potential
+    x, pressure, mu = (
+        start.x,
+        start.pressure,
+        start.mu if start.potential is None else start.potential,
+    )
     if x.shape != model.nodes.shape:
         raise ValueError(f"start: is a state of {len(x)} nodes, the model has {len(model.nodes)}")
     return Start(x, pressure, (jnp if is_traced(mu) else np).broadcast_to(mu, model.carries.shape))
 
 
 def baths_of(problem: Problem, bath: Baths) -> dict[str | int, Bath]:
-    """The `Bath` of each wetted part of the boundary, by its number or name; ValueError, one line, for a part that there is not."""
+    """The `Bath` of each wetted part of the boundary, by its number or name.
+
+    ValueError, one line, for a part that there is not.
+    """
     parts = wetted_parts(problem.model.lists)
     given = dict.fromkeys(parts, bath) if not isinstance(bath, Mapping) else bath
     for name in given:
         if name not in parts:
-            known = f"a hole has a number below {len(problem.model.lists.topology.plate.holes)}" if isinstance(name, int) else ""
-            raise ValueError(f"bath: there is no {name!r} to wet; {known or did_you_mean(name, map(str, parts)) or 'nothing is free'}")
-    found = {name: one if isinstance(one, Bath) else Bath(one) for name, one in given.items() if one is not None}
+            known = (
+                f"a hole has a number below {len(problem.model.lists.topology.plate.holes)}"
+                if isinstance(name, int)
+                else ""
+            )
+            raise ValueError(
+                f"bath: there is no {name!r} to wet; "
+                f"{known or did_you_mean(name, map(str, parts)) or 'nothing is free'}"
+            )
+    found = {
+        name: one if isinstance(one, Bath) else Bath(one)
+        for name, one in given.items()
+        if one is not None
+    }
     if not found:
         raise ValueError("bath: nothing is wetted; the plate needs a hole or a free edge that is")
     return found

@@ -1,4 +1,4 @@
-"""How far numbers can be trusted: what a cloud resolves, error bars from several clouds, and from uncertain inputs."""
+"""Verification: resolution of a cloud, error bars from several clouds and from uncertain inputs."""
 
 from .convergence import FEWEST, ErrorBars, GridConvergence, error_bars, grid_convergence_index
 from .deviations import Uncertainty, uncertainty

@@ -11,40 +11,65 @@ from .._types import Float
 SAFETY = 1.25  # of three grids: Roache 1994; Celik et al. 2008, Eq. 7
 ORDERS = (0.5, 8.0)  # between which an observed order says that errors fall with the spacing
 FORMAL = 2.0  # order of the trend; what a cloud does not follow of it counts as scatter
-OF_TREND, OF_NOISE = 1.25, 3.0  # an error bar: so many times what is left to the extrapolated value, and the scatter about the trend
+# an error bar: so many times what is left to the extrapolated value, and the scatter about the
+# trend
+OF_TREND, OF_NOISE = 1.25, 3.0
 FEWEST = 3  # clouds of an error bar: two for the trend and one for the scatter
 ROUND_OFF = 1e-12  # of the values: differences below it have no order
 
 
 @dataclasses.dataclass(frozen=True)
 class GridConvergence:
-    """The grid convergence index of one number on three grids, finest first (Celik et al. 2008, J. Fluids Eng. 130, 078001)."""
+    """Grid convergence index of a number on three grids, finest first.
+
+    Celik et al. 2008, J. Fluids Eng. 130, 078001.
+    """
 
     order: float
     """Observed order; nan if the values have none."""
     extrapolated: float
     """Value extrapolated from the two finest grids."""
     index: tuple[float, float]
-    """Index of the two finest grids, and of the two coarsest ones, as a share of the finer value; nan without an order."""
+    """Index of the two finest and the two coarsest grids, relative; nan without an order.
+
+    It is a share of the finer value.
+    """
     reason: str
     """Why there is no index; empty if there is one."""
 
 
 def grid_convergence_index(
-    sizes: Sequence[float] | Float[np.ndarray, "3"], values: Sequence[float] | Float[np.ndarray, "3"], *, formal: float | None = None
+    sizes: Sequence[float] | Float[np.ndarray, "3"],
+    values: Sequence[float] | Float[np.ndarray, "3"],
+    *,
+    formal: float | None = None,
 ) -> GridConvergence:
-    """The `GridConvergence` of a number on three grids, finest first, with representative ``sizes`` of their cells.
+    """`GridConvergence` of a number on three grids, finest first.
 
-    There is no index, and a reason, if the values oscillate, do not converge, or converge with an order that differs from the
-    ``formal`` one by more than a factor of two. ValueError for sizes that do not rise.
+    Arguments:
 
-    >>> found = grid_convergence_index((1 / 18000**0.5, 1 / 8000**0.5, 1 / 4500**0.5), (6.063, 5.972, 5.863))
+    - `sizes` (3,): representative sizes of the cells, rising, in any unit of length.
+    - `values` (3,): the number on each grid.
+    - `formal`: formal order of convergence, dimensionless; no comparison by default.
+
+    Returns no index, and a reason, if the values oscillate, do not converge, or converge with an
+    order that differs from `formal` by more than a factor of two.
+
+    Raises `ValueError` for sizes that do not rise, and unless there are three of each.
+
+    Source: Celik et al. (2008), J. Fluids Eng. 130, 078001.
+
+    >>> sizes = 1 / 18000**0.5, 1 / 8000**0.5, 1 / 4500**0.5
+    >>> found = grid_convergence_index(sizes, (6.063, 5.972, 5.863))
     >>> round(found.order, 2), round(100 * found.index[0], 2), round(100 * found.index[1], 2)
     (1.53, 2.17, 4.11)
     """
     h, f = np.asarray(sizes, dtype=float), np.asarray(values, dtype=float)
     if h.shape != (3,) or f.shape != (3,) or not (np.all(np.diff(h) > 0) and h[0] > 0):
-        raise ValueError(f"sizes: {sizes!r} are not three sizes of cells that rise from the finest grid to the coarsest")
+        raise ValueError(
+            f"sizes: {sizes!r} are not three sizes of cells that rise from the finest grid to the "
+            "coarsest"
+        )
     fine, coarse = f[1] - f[0], f[2] - f[1]
     order = _order(h, fine, coarse)
     reason = _why_not(f, fine, coarse, order, formal)
@@ -59,7 +84,10 @@ def grid_convergence_index(
 
 
 def _order(h, fine, coarse):
-    """Order p with which three values converge: coarse / fine = (h3^p - h2^p) / (h2^p - h1^p); nan if there is none in `ORDERS`."""
+    """Order p of three values: coarse / fine = (h3^p - h2^p) / (h2^p - h1^p); else nan.
+
+    nan if there is none in `ORDERS`.
+    """
     if fine * coarse <= 0:
         return np.nan
     low, high = ORDERS
@@ -86,25 +114,28 @@ def _why_not(f, fine, coarse, order, formal):
 
 @dataclasses.dataclass(frozen=True)
 class ErrorBars:
-    """A quantity at k states on c clouds, coarsest first, and how far its values on one of them can be trusted.
+    """A quantity at k states on c clouds, coarsest first, and its error bar on one of them.
 
-    Values follow the trend a + b h^2 in the distance h of the nodes, and scatter about it: another cloud as fine has other values.
+    How far its values there can be trusted. Values follow the trend a + b h^2 in the distance h of
+    the nodes, and scatter about it: another cloud as fine has other values.
     """
 
     values: Float[np.ndarray, "c k"]
-    """Values on every cloud; nan where a path has ended or the quantity is not defined."""
+    """Values on every cloud; nan if a path has ended or the quantity is not defined."""
     own: Float[np.ndarray, " k"]
     """Those on the cloud that the bars belong to."""
     extrapolated: Float[np.ndarray, " k"]
     """Values of the trend for ever finer clouds."""
     error: Float[np.ndarray, " k"]
-    """Half of the bar: what is left to the extrapolated value, and the scatter; nan with fewer than three values."""
+    """Half of the bar: distance to the extrapolated value, and scatter; nan below three values."""
     order: Float[np.ndarray, " k"]
     """Observed order of coarsest, own and finest cloud; nan if scatter hides it."""
 
 
-def error_bars(sizes: Float[np.ndarray, " c"], values: Float[np.ndarray, "c k"], own: int) -> ErrorBars:
-    """The `ErrorBars` of the values on cloud number ``own``, from those on all clouds with distances ``sizes`` of their nodes.
+def error_bars(
+    sizes: Float[np.ndarray, " c"], values: Float[np.ndarray, "c k"], own: int
+) -> ErrorBars:
+    """`ErrorBars` of cloud ``own`` by the values on all clouds of node distances ``sizes``.
 
     >>> import numpy as np
     >>> sizes = np.array([1.4, 1.2, 1.0, 0.7])
@@ -120,12 +151,17 @@ def error_bars(sizes: Float[np.ndarray, " c"], values: Float[np.ndarray, "c k"],
         at = (known == rows[:, None]).all(axis=0)
         if rows.sum() < FEWEST or not rows[own]:
             continue
-        found, limits = values[rows][:, at], np.linalg.lstsq(trend[rows], values[rows][:, at], rcond=None)[0]
+        found, limits = (
+            values[rows][:, at],
+            np.linalg.lstsq(trend[rows], values[rows][:, at], rcond=None)[0],
+        )
         scatter = np.sqrt(((found - trend[rows] @ limits) ** 2).sum(axis=0) / (rows.sum() - 2))
         extrapolated[at] = limits[0]
         error[at] = OF_TREND * np.abs(values[own, at] - limits[0]) + OF_NOISE * scatter
         three = np.flatnonzero(rows)[[0, -1]]
         if three[0] < own < three[1]:
             h = sizes[[three[1], own, three[0]]]
-            order[at] = [_order(h, b - a, c - b) for a, b, c in values[[three[1], own, three[0]]][:, at].T]
+            order[at] = [
+                _order(h, b - a, c - b) for a, b, c in values[[three[1], own, three[0]]][:, at].T
+            ]
     return ErrorBars(values, values[own], extrapolated, error, order)

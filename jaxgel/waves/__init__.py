@@ -1,5 +1,6 @@
-"""Waves: fields of a periodic cell that differ by a phase from cell to cell, and the onset of infinite lattices."""
+"""Waves: fields of a periodic cell up to a phase, and the onset of infinite lattices."""
 
+from .._deprecated import old_names
 from .bloch import BlochStates
 from .cells import primitive_cell, translations
 from .onset import LatticeOnset, lattice_onset
@@ -14,3 +15,5 @@ __all__ = [
     "translations",
     "wave_vectors_of_zone",
 ]
+
+__getattr__ = old_names(__name__)

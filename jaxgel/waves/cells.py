@@ -13,17 +13,20 @@ OUTLINE_POINTS = np.arange(24) / 24
 
 
 def check_periodic(plate: Plate) -> tuple[bool, bool]:
-    """Whether a plate is periodic along x and along y; ValueError where it is along neither."""
+    """Whether a plate is periodic along x and along y; ValueError if it is along neither."""
     periodic = plate.edges["left"] == "periodic", plate.edges["bottom"] == "periodic"
     if not any(periodic):
-        raise ValueError("edges: no two opposite edges are periodic; waves are those of a periodic cell")
+        raise ValueError(
+            "edges: no two opposite edges are periodic; waves are those of a periodic cell"
+        )
     return periodic
 
 
 def translations(plate: Plate) -> tuple[int, int]:
-    """Into how many equal cells a periodic plate with its holes can be divided along x and along y; 1 along a side that is not periodic.
+    """Number of equal cells of a periodic plate along x and y; 1 along other sides.
 
-    A plate with regions is not divided.
+    Into which it can be divided with its holes; others are not periodic. A plate with regions is
+    not divided.
 
     >>> import jaxgel
     >>> holes = [jaxgel.Circle((x, y), 0.9) for x in (-1, 1) for y in (-1, 1)]
@@ -35,7 +38,12 @@ def translations(plate: Plate) -> tuple[int, int]:
     found, periods = [1, 1], np.where(periodic, sides, FAR * sides)
     for axis in np.flatnonzero(periodic & (not plate.regions)):
         for m in range(2, len(plate.holes) + 1):
-            if _is_kept(outlines, np.where(np.arange(2) == axis, sides / m, 0.0), periods, SAME * sides.min()):
+            if _is_kept(
+                outlines,
+                np.where(np.arange(2) == axis, sides / m, 0.0),
+                periods,
+                SAME * sides.min(),
+            ):
                 found[axis] = m
     return found[0], found[1]
 
@@ -47,7 +55,10 @@ def _is_kept(
     tolerance: float,
     among: Float[np.ndarray, "k q 2"] | None = None,
 ) -> bool:
-    """Whether every outline, moved by ``shift``, lies on one ``among`` others, by default of them, or on one of its images."""
+    """Whether every outline, moved by ``shift``, lies on one ``among`` others or its image.
+
+    Without others it is tried among themselves.
+    """
     for outline in outlines:
         apart = outline + shift - (outlines if among is None else among)
         apart -= np.round(apart.mean(axis=1, keepdims=True) / periods) * periods
@@ -57,10 +68,17 @@ def _is_kept(
 
 
 def primitive_cell(plate: Plate) -> Plate:
-    """The smallest cell of which a periodic plate consists: itself where its holes are all different.
+    """Smallest cell of a periodic plate: the plate itself if its holes are all different.
 
-    Its positions are relative to the middle of the cell. A plate with regions is its own cell. Fields of a gel are not looked at, and
-    neither are cells of other shapes, such as the rhombic one of a face-centred lattice. Raises ValueError where no edges are periodic.
+    Arguments:
+
+    - `plate`: the periodic `Plate`.
+
+    Returns a `Plate` whose positions, mm, are relative to the middle of the cell. A plate with
+    regions is its own cell. Fields of a gel are not considered, and neither are cells of other
+    shapes, such as the rhombic one of a face-centred lattice.
+
+    Raises `ValueError` if no edges are periodic.
 
     >>> import jaxgel
     >>> holes = [jaxgel.Circle((x, y), 0.9) for x in (-1, 1) for y in (-1, 1)]
@@ -76,10 +94,18 @@ def primitive_cell(plate: Plate) -> Plate:
     periods = np.where(check_periodic(plate), size, FAR * sides)
     for hole in plate.holes:
         outline = np.asarray(outline_points(hole, OUTLINE_POINTS))
-        if outlines and _is_kept(outline[None], np.zeros(2), periods, SAME * sides.min(), among=np.array(outlines)):
+        if outlines and _is_kept(
+            outline[None], np.zeros(2), periods, SAME * sides.min(), among=np.array(outlines)
+        ):
             continue  # an image of another hole
         outlines.append(outline)
         by = (sides - size) / 2
-        holes.append(hole.translated(by - np.where(parts > 1, np.round((outline.mean(axis=0) + by) / size) * size, 0.0)))
+        holes.append(
+            hole.translated(
+                by - np.where(parts > 1, np.round((outline.mean(axis=0) + by) / size) * size, 0.0)
+            )
+        )
     width, height = map(float, size)
-    return dataclasses.replace(plate, width=width, height=height, holes=tuple(holes), core=None, reference=None)
+    return dataclasses.replace(
+        plate, width=width, height=height, holes=tuple(holes), core=None, reference=None
+    )

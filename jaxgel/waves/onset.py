@@ -1,9 +1,10 @@
-"""Onset of the instability of an infinite lattice: the first chemical potential at which some Bloch wave of one cell costs no energy.
+"""Onset of instability of an infinite lattice: the first mu with a neutral Bloch wave of one cell.
 
-lambda(k, mu) is the lowest eigenvalue of the waves with the wave vector k about the cell's own periodic state. Its first zero is looked for
-on a grid of the Brillouin zone, then in k and mu in turn: lambda(k, .) = 0, lambda(., mu) least. A long wave, |k| -> 0, is the loss of
-ellipticity of the lattice as a material (Geymonat, Mueller & Triantafyllidis 1993); a short one is a pattern that repeats after some
-cells.
+lambda(k, mu) is the lowest eigenvalue of the waves with the wave vector k about the cell's own
+periodic state. Its first zero is looked for on a grid of the Brillouin zone, then in k and mu in
+turn: lambda(k, .) = 0, lambda(., mu) least. A long wave, |k| -> 0, is the loss of ellipticity of
+the lattice as a material (Geymonat, Mueller & Triantafyllidis 1993); a short one is a pattern that
+repeats after some cells.
 """
 
 import dataclasses
@@ -14,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq, minimize
 
+from .._deprecated import old_arguments
 from .._programs import program
 from .._threads import few_threads
 from .._types import Array, Float, Int, Scalar
@@ -32,7 +34,9 @@ from .zone import long_wave_number, wave_vectors_of_zone
 DIVISIONS = 8  # of the zone from its middle to its edge
 ROUNDS = 8  # of k and mu in turn
 TOLERANCE = 1e-9  # of mu, kT
-TURN, MOVE = 0.1, 0.04  # first steps of the refinement: of a long wave's direction, rad, and of a short wave's vector over pi / side
+# first steps of the refinement: of a long wave's direction, rad, and of a short wave's vector over
+# pi / side
+TURN, MOVE = 0.1, 0.04
 CLOSE = 1e-7  # kT: a wave vector that lowers the critical mu by less is no better
 SAME = 1e-6  # difference of two eigenvalues that are one
 REPEATS = 12  # most cells along a side after which a short wave's pattern repeats
@@ -40,23 +44,32 @@ REPEATS = 12  # most cells along a side after which a short wave's pattern repea
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LatticeOnset:
-    """The state of a periodic cell at which the first of all waves costs no energy."""
+    """State of a cell at which the first wave has zero stiffness; of `lattice_onset`."""
 
     mu: Scalar
     """Critical chemical potential, kT; differentiable with respect to the model and the gel."""
     wave_vector: Float[np.ndarray, " 2"]
-    """Wave vector of the wave, rad per mm of the dry cell; one of those that are images of each other."""
+    """Wave vector of the wave, rad per mm of the dry cell.
+
+    One of those that are images of each other.
+    """
     kind: str
     """"long wave" or "short wave"."""
     periods: tuple[int, int] | None
-    """Number of cells along x and y after which a short wave's pattern repeats; None for a long wave, and above ``REPEATS``."""
+    """Number of cells along x and y after which a short wave's pattern repeats.
+
+    None for a long wave, and above ``REPEATS``.
+    """
     x: Float[Array, "n 2"]
     """Nodal positions of the cell, mm."""
     pressure: Float[Array, " g"]
     """Pressures of the volume groups, kT/v."""
     modes: Float[np.ndarray, "m n 2"]
-    """Real and imaginary part of the wave in the cell; in the cell R away it is exp(i k . R) times as large. Of waves that are the same in
-    all cells the real modes, two for a double eigenvalue."""
+    """Real and imaginary part of the wave in the cell.
+
+    In the cell R away it is exp(i k . R) times as large. Of waves that are the same in all cells
+    the real modes, two for a double eigenvalue.
+    """
     slope: float
     """d lambda / d mu along the branch."""
     group: tuple[str, ...]
@@ -64,9 +77,9 @@ class LatticeOnset:
     periodic: tuple[bool, bool]
     """Whether the lattice goes on along x and along y."""
     zone: Float[np.ndarray, "w 2"]
-    """Wave vectors that were looked at, rad/mm; by the symmetries and k -> -k they stand for all."""
+    """Wave vectors examined, rad/mm; by the symmetries and k -> -k they represent all."""
     eigenvalues: Float[np.ndarray, " w"]
-    """Lowest eigenvalue of the waves with each of them at the onset, over the stiffness of the network."""
+    """Lowest eigenvalue at each of them at the onset, over the stiffness of the network ()."""
     correction: Float[np.ndarray, "n 2"]
     """Field w of the derivative, see ``bifurcation.critical``."""
 
@@ -80,34 +93,60 @@ class LatticeOnset:
             return f"long wave along ({k}): the lattice loses its ellipticity"
         if not self.wave_vector.any():
             return "the same in all cells: the cell's own pattern"
-        repeats = f"repeats after {self.periods[0]} x {self.periods[1]} cells" if self.periods else "does not repeat after a few cells"
+        repeats = (
+            f"repeats after {self.periods[0]} x {self.periods[1]} cells"
+            if self.periods
+            else "does not repeat after a few cells"
+        )
         return f"short wave ({k}) rad/mm: a pattern that {repeats}"
 
 
-def lattice_onset(problem: Problem, between: tuple[float, float], *, divisions: int = DIVISIONS) -> LatticeOnset | None:
-    """`LatticeOnset` of the infinite lattice of a periodic cell ``between`` two mu (first, last), kT; None where it stays stable.
+@old_arguments
+def lattice_onset(
+    problem: Problem, between: tuple[float, float], *, divisions: int = DIVISIONS
+) -> LatticeOnset | None:
+    """`LatticeOnset` of the infinite lattice of a periodic cell; None if it remains stable.
 
-    The branch is that of states which are the same in all cells, with their own macroscopic deformation where that is free. The zone has
-    ``divisions`` steps from its middle to its edge; the wave vector found on the grid is then refined. ``onset.mu`` is differentiable once,
-    forward and reverse, at fixed sides of the cell: where symmetry gives several waves one onset, by parameters that break it, it is that
-    of one of them. Long waves are a hundred cells long; of a strip with free edges, which buckles as a beam however long it is, the onset
-    depends on that. Raises ValueError for a plate that is not periodic, another control, and a lattice that is unstable from the first
-    state on, ``SweepFailed`` where the branch ends, or the sides of a hole touch, before an onset is found.
+    Arguments:
+
+    - `problem`: the `Problem` of the periodic cell, controlled by mu; its contact is not
+      considered.
+    - `between`: (first, last), chemical potentials, kT, rising.
+    - `divisions`: steps of the zone of wave vectors from its middle to its edge; the critical wave
+      vector of this grid is then refined.
+
+    The branch has the same state in all cells, with a macroscopic deformation of its own if that is
+    free. `onset.mu` is differentiable once, forward and reverse, at fixed sides of the cell: if
+    symmetry gives several waves one onset, the derivative by parameters that break it is that of
+    one of them. Long waves are a hundred cells long; of a strip with free edges, which buckles as a
+    beam however long it is, the onset depends on that.
+
+    Raises `ValueError` for a plate that is not periodic, another control, and a lattice that is
+    unstable from the first state on, `SweepFailed` if the branch ends, or the sides of a hole
+    touch, before an onset is found.
+
+    Example: docs/howto/waves.md.
     """
     if problem.control.name != "mu":
-        raise ValueError(f"lattice_onset: is not available with the control {problem.control.name!r}, only with the chemical potential")
+        raise ValueError(
+            f"lattice_onset: is not available with the control {problem.control.name!r}, only "
+            "with the chemical potential"
+        )
     first, last = ends_of(problem, between)
     check_values((first, last), rising=True)
     if not (isinstance(divisions, int) and divisions > 0):
         raise ValueError(f"divisions: {divisions!r} is not a positive whole number")
     check_periodic(problem.model.lists.topology.plate)
+    problem = problem.replace(model=dataclasses.replace(problem.model, contact=None))
     with few_threads(2 * problem.model.n_nodes):
-        points = located("lattice_onset", lambda of: _search(of, (first, last), divisions), problem.without_contact, "mu")
+        points = located(
+            "lattice_onset", lambda of: _search(of, (first, last), divisions), problem, "mu"
+        )
     return points[0] if points else None
 
 
 def _search(problem, mu, divisions):
-    """[`LatticeOnset`], or [] where every wave is stable."""
+    """[`LatticeOnset`], or [] if every wave is stable."""
     steps = []
     seen = Observer(accepted=lambda state: steps.append(state.light))
     path = sweep(problem, Adaptive(*mu), branch="symmetric", until_contact=True, observer=seen)
@@ -120,17 +159,25 @@ def _search(problem, mu, divisions):
         if unstable:
             return [_Refined(problem, steps[: number + 1], group).onset(unstable, zone)]
     if not path.stop.ok:
-        raise SweepFailed(f"lattice_onset: no wave is unstable on the states found; {path.stop_text}")
+        raise SweepFailed(
+            f"lattice_onset: no wave is unstable on the states found; {path.stop_text}"
+        )
     return []
 
 
 class _Refined:
-    """The search in k and mu, between ``states`` of which only the last one is unstable against the waves of the grid."""
+    """Search in k and mu between ``states``, the last one unstable to waves of the grid.
+
+    Only the last one.
+    """
 
     def __init__(self, problem, states, group):
         self._problem, self._states, self._group = problem, states, group
         plate = problem.model.lists.topology.plate
-        self._periodic, self._corner = check_periodic(plate), np.pi / np.array([plate.width, plate.height])
+        self._periodic, self._corner = (
+            check_periodic(plate),
+            np.pi / np.array([plate.width, plate.height]),
+        )
         self._long = 1.5 * long_wave_number(plate)
         self._known = {}
 
@@ -141,27 +188,38 @@ class _Refined:
         return self._known[mu]
 
     def _state(self, mu):
-        """The periodic `State` at ``mu``, by the symmetries of the cell: its own tangent may be singular there."""
+        """Periodic `State` at ``mu`` by the cell's symmetries; its own tangent may be singular."""
         before = [state for state in self._states if state.mu <= mu][-1]
         if before.mu == mu:
             return before
         path = sweep(self._problem, [mu], branch="symmetric", start=before)
         if not path.stop.ok:
-            raise SweepFailed(f"lattice_onset: no periodic state at mu = {mu:.6g}: {path.stop_text}")
+            raise SweepFailed(
+                f"lattice_onset: no periodic state at mu = {mu:.6g}: {path.stop_text}"
+            )
         return path[-1]
 
     def _lowest(self, k, mu):
         return self._waves(mu).lowest(k)[0][0]
 
     def _zero(self, k):
-        """The mu above which the waves with the wave vector k, unstable at the last state, are unstable; ValueError where they all are."""
+        """Critical mu of waves of wave vector k; ValueError if all are unstable.
+
+        They are unstable above, and at the last state.
+        """
         for later, earlier in itertools.pairwise(state.mu for state in reversed(self._states)):
             if self._lowest(k, earlier) > 0 > self._lowest(k, later):
                 return brentq(lambda mu: self._lowest(k, mu), earlier, later, xtol=TOLERANCE)
-        raise Inadmissible(f"mu: the lattice is unstable at the first state, mu = {self._states[0].mu:g} kT; start lower")
+        raise Inadmissible(
+            f"mu: the lattice is unstable at the first state, mu = {self._states[0].mu:g} kT; "
+            "start lower"
+        )
 
     def onset(self, unstable, zone):
-        """`LatticeOnset` of the waves of which some with wave vectors in ``unstable`` have a negative eigenvalue at the last state."""
+        """`LatticeOnset` of the waves, some unstable at the last state, of ``unstable`` vectors.
+
+        Some with these wave vectors have a negative eigenvalue there.
+        """
         k = min(unstable, key=lambda k: self._lowest(k, self._states[-1].mu))
         mu = self._zero(k)
         for _ in range(ROUNDS):
@@ -173,24 +231,37 @@ class _Refined:
         return self._point(k, mu, zone)
 
     def _refine(self, k, mu):
-        """The wave vector next to ``k`` with the lowest eigenvalue at ``mu``; a long wave keeps its length."""
+        """Wave vector near ``k`` of the lowest eigenvalue at ``mu``; long waves keep length."""
         length, axes = np.linalg.norm(k), np.flatnonzero(self._periodic)
         long = length < self._long
         if not length or (len(axes) == 1 and long):
             return k
-        first, step = (np.array([np.arctan2(k[1], k[0])]), TURN) if long else ((k / self._corner)[axes], -MOVE)
+        first, step = (
+            (np.array([np.arctan2(k[1], k[0])]), TURN)
+            if long
+            else ((k / self._corner)[axes], -MOVE)
+        )
 
         def at(free):
-            """The wave vector: a long wave's is given by its direction, another one by what it is over pi / side."""
+            """Wave vector from the direction of a long wave, or from multiples of pi / side."""
             if long:
                 return length * np.array([np.cos(free[0]), np.sin(free[0])])
             return np.bincount(axes, free, minlength=2) * self._corner
 
         def value(free):
-            return self._lowest(at(free), mu) if long or np.linalg.norm(at(free)) > self._long else np.inf
+            return (
+                self._lowest(at(free), mu)
+                if long or np.linalg.norm(at(free)) > self._long
+                else np.inf
+            )
 
         simplex = np.array([first, *(first + step * row for row in np.eye(len(first)))])
-        found = minimize(value, first, method="Nelder-Mead", options=dict(initial_simplex=simplex, xatol=1e-4, fatol=1e-12))
+        found = minimize(
+            value,
+            first,
+            method="Nelder-Mead",
+            options=dict(initial_simplex=simplex, xatol=1e-4, fatol=1e-12),
+        )
         return at(found.x)
 
     def _point(self, k, mu, zone):
@@ -216,7 +287,10 @@ class _Refined:
 
 
 def _modes(waves, k):
-    """The wave's real and imaginary part (2, n, 2), or the real modes (m, n, 2) of waves that are the same in all cells."""
+    """Real and imaginary part (2, n, 2) of the wave, or real modes (m, n, 2) without phase.
+
+    They are those of waves that are the same in all cells.
+    """
     values, fields = waves.lowest(k, 1 if k.any() else 2)
     if k.any():
         return np.stack([fields[0].real, fields[0].imag])
@@ -229,22 +303,38 @@ def _modes(waves, k):
 
 
 def _repeats(shares: Float[np.ndarray, " 2"]) -> tuple[int, int] | None:
-    """Number of cells along x and y after which a wave with k = ``shares`` pi / side repeats, at most ``REPEATS``; None above."""
+    """Period in cells along x and y of a wave with k = ``shares`` pi / side; None if long.
+
+    Above ``REPEATS``.
+    """
     cells: Int[np.ndarray, " m"] = np.arange(1, REPEATS + 1)
     turns = np.abs(np.multiply.outer(shares / 2, cells))
     whole = np.abs(turns - np.round(turns)) < 1e-3
-    return (int(cells[whole[0].argmax()]), int(cells[whole[1].argmax()])) if whole.any(axis=1).all() else None
+    return (
+        (int(cells[whole[0].argmax()]), int(cells[whole[1].argmax()]))
+        if whole.any(axis=1).all()
+        else None
+    )
 
 
 def _derivatives(problem, state, modes, same_in_all):
-    """D lambda / d mu along the branch, and the field w = K^-1 dphi/dx of its other derivatives, see ``bifurcation.critical``."""
+    """D lambda / d mu along the branch, and w = K^-1 dphi/dx, see ``bifurcation.critical``.
+
+    It is the field of its other derivatives.
+    """
     gradient, slope = _changes(problem, jnp.asarray(state.x), jnp.asarray(state.mu), modes)
     pull = np.asarray(gather(gradient, problem.free))
     at = problem, state.x, state.pressure
     pairs = tangent(*at, linearise(*at, state.mu))
     if same_in_all:  # the tangent of the cell itself is singular, along the modes
         held = np.stack([np.asarray(restrict(mode, problem.free)) for mode in modes], axis=1)
-        system = Bordered(problem.pattern.tree.order, problem.pattern.matrix(pairs), held, held, np.zeros((held.shape[1],) * 2))
+        system = Bordered(
+            problem.pattern.tree.order,
+            problem.pattern.matrix(pairs),
+            held,
+            held,
+            np.zeros((held.shape[1],) * 2),
+        )
         correction, _ = system.solve(pull, np.zeros(held.shape[1]))
     else:
         correction = factor(problem.pattern, pairs).apply(pull)

@@ -1,4 +1,7 @@
-"""Parameter maps: the points that a study asks for, their folders and table, and that nothing is lost when a process is."""
+"""Parameter maps: the points of a study, their folders and table, and killed processes.
+
+Nothing is lost with these.
+"""
 
 import concurrent.futures
 import csv
@@ -17,7 +20,18 @@ import pytest
 from studies import TINY
 
 import jaxgel
-from jaxgel.cases import POINT, PROBLEM, TABLE, load_map, load_path, map_runs, map_sensitivity, parameter_map, resumed_map, run_map
+from jaxgel.cases import (
+    POINT,
+    PROBLEM,
+    TABLE,
+    load_map,
+    load_path,
+    map_runs,
+    map_sensitivity,
+    parameter_map,
+    resumed_map,
+    run_map,
+)
 from jaxgel.cli import command_line as cli
 from jaxgel.io import TRIES, InThisProcess, Workers, load_run
 
@@ -33,11 +47,17 @@ values = [1e-3, 1.5e-3, 2e-3]
 """
 QUICK = SQUARE.replace("steps = 12", "steps = 2")  # where no run is killed
 HOLE = TINY + '[sweep]\nsteps = 2\nmu_start = -4.0\ncontact = "off"\n'
-RADII = '[[parameters]]\nof = "radius"\nvalues = [1.15, 0.9, 2.5]\n[[parameters]]\nof = "mu_end"\nvalues = [-2.0]\n'
+RADII = (
+    '[[parameters]]\nof = "radius"\nvalues = [1.15, 0.9, 2.5]\n[[parameters]]\nof = "mu_end"\n'
+    "values = [-2.0]\n"
+)
 
 
 class Inline(InThisProcess):
-    """Runs a call where it is submitted; ``lost`` maps the names of points to how often their process dies."""
+    """Runs a call where it is submitted.
+
+    ``lost`` maps the names of points to how often their process dies.
+    """
 
     def __init__(self, **lost):
         self.calls, self.lost = 0, lost
@@ -67,9 +87,13 @@ def test_a_grid_has_every_combination_and_sobol_samples_fill_the_bounds(tmp_path
     axes = '[[parameters]]\nof = "centre"\nlower = [0.0, -0.2]\nupper = [0.2, 0.2]\nnumber = 3\n'
     axes += '[[parameters]]\nof = "chi"\nvalues = [0.1, 0.2]\n'
     points = study(tmp_path, HOLE + axes).points
-    np.testing.assert_allclose([p["centre"] for p in points[::2]], [[0.0, -0.2], [0.1, 0.0], [0.2, 0.2]], atol=1e-15)
+    np.testing.assert_allclose(
+        [p["centre"] for p in points[::2]], [[0.0, -0.2], [0.1, 0.0], [0.2, 0.2]], atol=1e-15
+    )
     assert [p["chi"] for p in points] == [0.1, 0.2] * 3
-    sobol = axes.replace("number = 3\n", "").replace("values = [0.1, 0.2]", "lower = 0.1\nupper = 0.2")
+    sobol = axes.replace("number = 3\n", "").replace(
+        "values = [0.1, 0.2]", "lower = 0.1\nupper = 0.2"
+    )
     sobol += '[map]\nsamples = "sobol"\npoints = 13\nseed = 7\n'
     points = study(tmp_path, HOLE + sobol).points
     assert points == study(tmp_path, HOLE + sobol).points
@@ -77,7 +101,8 @@ def test_a_grid_has_every_combination_and_sobol_samples_fill_the_bounds(tmp_path
     samples = np.array([[*p["centre"], p["chi"]] for p in points])
     assert samples.shape == (13, 3)
     assert np.all((samples >= [0.0, -0.2, 0.1]) & (samples <= [0.2, 0.2, 0.2]))
-    assert len(np.unique(np.floor((samples[:8, 0] - 0.0) / 0.2 * 8))) == 8  # one of the first 8 in each eighth: a Sobol sequence
+    # one of the first 8 in each eighth: a Sobol sequence
+    assert len(np.unique(np.floor((samples[:8, 0] - 0.0) / 0.2 * 8))) == 8
 
 
 def test_bad_studies_are_refused(tmp_path, refused, capsys):
@@ -89,30 +114,60 @@ def test_bad_studies_are_refused(tmp_path, refused, capsys):
                 HOLE + '[[parameters]]\nof = "radios"\nvalues = [1.0]\n',
                 r"parameters\[0\]\.of: 'radios' is unknown; did you mean 'radius'\?",
             ),
-            (HOLE + '[[parameters]]\nof = "radius"\n', r"parameters\[0\]: number is missing; a grid takes it .* or values = \[list\]"),
+            (
+                HOLE + '[[parameters]]\nof = "radius"\n',
+                r"parameters\[0\]: number is missing; a grid takes it .* or values = \[list\]",
+            ),
             (
                 HOLE + '[[parameters]]\nof = "radius"\nlower = 1.0\nnumber = 3\n',
                 r"parameters\[0\]: upper is missing; give a finite number or a list",
             ),
-            (HOLE + '[[parameters]]\nof = "radius"\nlower = 1.0\nupper = 0.5\nnumber = 3\n', r"upper: 0\.5 is not above lower"),
-            (HOLE + '[[parameters]]\nof = "radius"\nvalues = ["big"]\n', r"parameters\[0\]\.values: 'big' is not a finite number"),
-            (HOLE + '[[parameters]]\nof = "radius"\nvalue = [1.0]\n', r"unknown entry 'value'; did you mean 'values'\?"),
-            (HOLE + RADII + '[map]\nsamples = "sobl"\n', r"map\.samples: 'sobl' is unknown; did you mean 'sobol'\?"),
-            (HOLE + RADII + '[map]\nsamples = "sobol"\n', r"map: points is missing; give a whole number of at least 1"),
+            (
+                HOLE + '[[parameters]]\nof = "radius"\nlower = 1.0\nupper = 0.5\nnumber = 3\n',
+                r"upper: 0\.5 is not above lower",
+            ),
+            (
+                HOLE + '[[parameters]]\nof = "radius"\nvalues = ["big"]\n',
+                r"parameters\[0\]\.values: 'big' is not a finite number",
+            ),
+            (
+                HOLE + '[[parameters]]\nof = "radius"\nvalue = [1.0]\n',
+                r"unknown entry 'value'; did you mean 'values'\?",
+            ),
+            (
+                HOLE + RADII + '[map]\nsamples = "sobl"\n',
+                r"map\.samples: 'sobl' is unknown; did you mean 'sobol'\?",
+            ),
+            (
+                HOLE + RADII + '[map]\nsamples = "sobol"\n',
+                r"map: points is missing; give a whole number of at least 1",
+            ),
             (
                 HOLE + RADII + '[map]\nsamples = "sobol"\npoints = 4\n',
                 r"parameters\[0\]: number and values belong to a grid",
             ),
-            (HOLE + '[[parameters]]\nof = "Nv"\nvalues = []\n', r"parameters\[0\]\.values: \[\] is not a list of 1 or more values"),
+            (
+                HOLE + '[[parameters]]\nof = "Nv"\nvalues = []\n',
+                r"parameters\[0\]\.values: \[\] is not a list of 1 or more values",
+            ),
             (
                 HOLE + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\nlower = 1.0\n',
                 r"\[0\]: unknown entry 'lower'; accepted: .*, values",
             ),
-            (HOLE + RADII + '[map]\nsamples = "sobol"\npoints = 0\n', r"map\.points: 0 is not a whole number of at least 1"),
+            (
+                HOLE + RADII + '[map]\nsamples = "sobol"\npoints = 0\n',
+                r"map\.points: 0 is not a whole number of at least 1",
+            ),
             (HOLE + RADII + "[map]\nseed = 1\n", r"map: unknown entry 'seed'; accepted: samples"),
             ("map = 3\n" + HOLE + RADII, r"map: 3 is not a table, written \[map\]"),
-            (HOLE + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\n' * 2, r"parameters: the names Nv, Nv are not all different"),
-            (HOLE + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\n[maps]\n', r"study: unknown entry 'maps'; did you mean 'map'\?"),
+            (
+                HOLE + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\n' * 2,
+                r"parameters: the names Nv, Nv are not all different",
+            ),
+            (
+                HOLE + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\n[maps]\n',
+                r"study: unknown entry 'maps'; did you mean 'map'\?",
+            ),
             (HOLE.replace("0.1, -0.2", "0.1, -9.0") + RADII, r"holes\[0\].*outside the plate"),
         ],
     )
@@ -121,10 +176,16 @@ def test_bad_studies_are_refused(tmp_path, refused, capsys):
     assert re.fullmatch(r"jaxgel: error: [^\n]*\n", printed.err) and printed.out == ""
 
 
-BOUNDED = '[[parameters]]\nof = "Nv"\nlower = 1e-3\nupper = 2e-3\n[[parameters]]\nof = "chi"\nlower = 0.0\nupper = 0.4\n'
-FILE = QUICK.split("[[parameters]]")[0] + BOUNDED + '[map]\nsamples = "file"\npoints = "samples.csv"\n'
+BOUNDED = (
+    '[[parameters]]\nof = "Nv"\nlower = 1e-3\nupper = 2e-3\n[[parameters]]\nof = "chi"\n'
+    "lower = 0.0\nupper = 0.4\n"
+)
+FILE = (
+    QUICK.split("[[parameters]]")[0] + BOUNDED + '[map]\nsamples = "file"\npoints = "samples.csv"\n'
+)
 
 
+@pytest.mark.slow
 def test_samples_of_a_file_are_the_points_by_the_names_of_their_columns(tmp_path):
     (tmp_path / "samples.csv").write_text("# chi, Nv\n0.4,1e-3\n\n0.1,2e-3\n")
     mapped = study(tmp_path, FILE)
@@ -163,15 +224,36 @@ def test_bad_sample_files_are_refused(tmp_path, refused):
     refused(
         attempt,
         [
-            ("Nv,chy\n1e-3,0.1\n", r"map\.points: the column 'chy' of .* is unknown; did you mean 'chi'\? accepted: Nv, chi"),
+            (
+                "Nv,chy\n1e-3,0.1\n",
+                (
+                    r"map\.points: the column 'chy' of .* is unknown; did you mean 'chi'\? "
+                    r"accepted: Nv, chi"
+                ),
+            ),
             ("1e-3,0.1\n", r"map\.points: the column '1e-3' of .* is unknown; accepted: Nv, chi"),
-            ("Nv\n1e-3\n", r"map\.points: the column 'chi' is missing in .*; give one for each of Nv, chi"),
+            (
+                "Nv\n1e-3\n",
+                r"map\.points: the column 'chi' is missing in .*; give one for each of Nv, chi",
+            ),
             ("Nv,chi,Nv\n1e-3,0.1,1e-3\n", r"map\.points: the column 'Nv' is there twice"),
             ("Nv,chi\n", r"map\.points: .* has 0 rows below the names of its columns"),
             ("Nv,chi\n1e-3\n", r"map\.points: row 0 of .* has 1 values; give 2"),
-            ("Nv,chi\n1e-3,0.1\n1e-3,much\n", r"map\.points: row 1, chi: 'much' is not a finite number"),
-            ("Nv,chi\n1e-3,nan\n", r"map\.points: row 0, chi: nan is not a number between lower = 0 and upper = 0\.4"),
-            ("Nv,chi\n3e-3,0.1\n", r"map\.points: row 0, Nv: 0\.003 is not a number between lower = 0\.001 and upper = 0\.002"),
+            (
+                "Nv,chi\n1e-3,0.1\n1e-3,much\n",
+                r"map\.points: row 1, chi: 'much' is not a finite number",
+            ),
+            (
+                "Nv,chi\n1e-3,nan\n",
+                r"map\.points: row 0, chi: nan is not a number between lower = 0 and upper = 0\.4",
+            ),
+            (
+                "Nv,chi\n3e-3,0.1\n",
+                (
+                    r"map\.points: row 0, Nv: 0\.003 is not a number between lower = 0\.001 and "
+                    r"upper = 0\.002"
+                ),
+            ),
             ("", r"map\.points: the column 'Nv' is missing"),
         ],
     )
@@ -181,21 +263,32 @@ def test_bad_sample_files_are_refused(tmp_path, refused):
             ("samples.csv", "none.csv", r"map\.points: cannot read .*none\.csv': No such file"),
             ('points = "samples.csv"\n', "", r"map: points is missing; it names a CSV file"),
             ('points = "samples.csv"', "points = 3", r"map\.points: 3 is not a text"),
-            ("upper = 0.4", "upper = 0.4\nnumber = 3", r"parameters\[1\]: number and values belong to a grid; samples of a file take"),
+            (
+                "upper = 0.4",
+                "upper = 0.4\nnumber = 3",
+                r"parameters\[1\]: number and values belong to a grid; samples of a file take",
+            ),
         ],
     )
     grid = QUICK + "[map]\ngradients = true\n"
-    with pytest.raises(ValueError, match=r"map\.gradients: True is not accepted with sweep\.imperfection = 0\.1"):
+    with pytest.raises(
+        ValueError, match=r"map\.gradients: True is not accepted with sweep\.imperfection = 0\.1"
+    ):
         study(tmp_path, grid.replace("steps = 2", "steps = 2\nimperfection = 0.1"))
 
 
 @pytest.fixture(scope="module")
 def holes(tmp_path_factory):
-    """Study, folder and rows of a map of radii: near the study's own, too far for its cloud, and impossible."""
+    """Study, folder and rows of a map of radii: near the study's own, too far, impossible."""
     folder = tmp_path_factory.mktemp("map")
-    return (mapped := study(folder, HOLE + RADII)), folder / "out", run_map(mapped, folder / "out", Inline())
+    return (
+        (mapped := study(folder, HOLE + RADII)),
+        folder / "out",
+        run_map(mapped, folder / "out", Inline()),
+    )
 
 
+@pytest.mark.slow
 def test_a_map_leaves_a_run_for_each_point_and_a_table_of_all(holes):
     mapped, folder, rows = holes
     assert [row["status"] for row in rows] == ["complete", "complete", "failed"]
@@ -210,14 +303,23 @@ def test_a_map_leaves_a_run_for_each_point_and_a_table_of_all(holes):
     assert table(folder)[2]["area_reduction"] == ""
 
 
+@pytest.mark.slow
 def test_a_point_lies_on_the_studys_cloud_placed_or_where_that_is_too_poor_on_its_own(holes):
     mapped, folder, _ = holes
-    assert load_path(folder / "0000").model.cloud.plate.holes[0].radius == 1.15  # it refuses nodes that are not the stored ones
+    # it refuses nodes that are not the stored ones
+    assert load_path(folder / "0000").model.cloud.plate.holes[0].radius == 1.15
     nodes = [load_run(folder / f"000{k}").states["nodes"] for k in range(2)]
-    placed = [np.asarray(mapped.case.cloud().at(mapped.at(point).plate).nodes) for point in mapped.points[:2]]
+    placed = [
+        np.asarray(mapped.case.cloud().at(mapped.at(point).plate).nodes)
+        for point in mapped.points[:2]
+    ]
     np.testing.assert_allclose(nodes[0], placed[0], atol=1e-12)  # mm, round-off
     own = dataclasses.replace(mapped.at(mapped.points[1]).plate, reference=None)
-    np.testing.assert_allclose(nodes[1], np.asarray(jaxgel.make_cloud(own, spacing=2 / 3, nodes_per_hole=12).nodes), atol=1e-12)
+    np.testing.assert_allclose(
+        nodes[1],
+        np.asarray(jaxgel.make_cloud(own, spacing=2 / 3, nodes_per_hole=12).nodes),
+        atol=1e-12,
+    )
     assert len(nodes[1]) != len(placed[1])
 
 
@@ -225,34 +327,56 @@ def test_a_point_lies_on_the_studys_cloud_placed_or_where_that_is_too_poor_on_it
 def derived(tmp_path_factory):
     """Folder and rows of a map of two chi 2e-4 apart, with derivatives."""
     folder = tmp_path_factory.mktemp("gradients")
-    chi = '[map]\ngradients = true\n[[parameters]]\nof = "chi"\nlower = 0.0999\nupper = 0.1001\nnumber = 2\n'
+    chi = (
+        '[map]\ngradients = true\n[[parameters]]\nof = "chi"\nlower = 0.0999\nupper = 0.1001\n'
+        "number = 2\n"
+    )
     return folder / "out", run_map(study(folder, HOLE + chi), folder / "out", Inline())
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_map_agree_with_differences_of_its_points(derived):
     """The mean of two derivatives is the difference quotient, to the square of the distance."""
     _, rows = derived
     for column in ("rotation_deg", "area_reduction"):
         difference = (rows[1][column] - rows[0][column]) / 2e-4
-        assert np.mean([row[f"d_{column}_d_chi"] for row in rows]) == pytest.approx(difference, rel=1e-6)  # error of the mean: 1e-8
-    assert rows[1]["core_rotation_deg"] is None and rows[1]["d_core_rotation_deg_d_chi"] is None  # the core lies in the hole
+        # error of the mean: 1e-8
+        assert np.mean([row[f"d_{column}_d_chi"] for row in rows]) == pytest.approx(
+            difference, rel=1e-6
+        )
+    # the core lies in the hole
+    assert rows[1]["core_rotation_deg"] is None and rows[1]["d_core_rotation_deg_d_chi"] is None
 
 
+@pytest.mark.slow
 def test_measures_of_a_map_come_from_its_table(derived, refused):
     folder, rows = derived
     found = map_sensitivity(folder, "area_reduction")
     assert found.names == ["chi"]
-    np.testing.assert_allclose(found.mean_squares, np.mean([row["d_area_reduction_d_chi"] ** 2 for row in rows]), rtol=1e-12)
+    np.testing.assert_allclose(
+        found.mean_squares,
+        np.mean([row["d_area_reduction_d_chi"] ** 2 for row in rows]),
+        rtol=1e-12,
+    )
     refused(
         map_sensitivity,
         [
-            (folder, "area_redaction", "quantity: 'area_redaction' is unknown; did you mean 'area_reduction'"),
-            (folder / "0000", "rotation", "folder: .* is not accepted .*; give one written by jaxgel map"),
+            (
+                folder,
+                "area_redaction",
+                "quantity: 'area_redaction' is unknown; did you mean 'area_reduction'",
+            ),
+            (
+                folder / "0000",
+                "rotation",
+                "folder: .* is not accepted .*; give one written by jaxgel map",
+            ),
             (folder, "core_rotation", "is not accepted|at least 2"),
         ],
     )
 
 
+@pytest.mark.slow
 def test_a_finished_map_is_not_run_again(holes):
     mapped, folder, rows = holes
     again = Inline()
@@ -262,7 +386,12 @@ def test_a_finished_map_is_not_run_again(holes):
         run_map(mapped, folder, again)
     with pytest.raises(ValueError, match="another study"):
         run_map(
-            parameter_map.map_from_table(mapped.table | {"parameters": mapped.table["parameters"][:1]}, "x"), folder, again, resume=True
+            parameter_map.map_from_table(
+                mapped.table | {"parameters": mapped.table["parameters"][:1]}, "x"
+            ),
+            folder,
+            again,
+            resume=True,
         )
 
 
@@ -270,12 +399,15 @@ def test_a_lost_point_is_tried_again_and_then_given_up_until_resumed(tmp_path, c
     mapped, executor = study(tmp_path, QUICK), Inline(point_0000=1, point_0002=TRIES)
     rows = run_map(mapped, tmp_path / "out", executor)
     assert [row["status"] for row in rows] == ["complete", "complete", "lost"]
-    assert "call 2 was lost, try 3 of 3" in caplog.text and "BrokenExecutor" in caplog.text  # with its traceback
+    # with its traceback
+    assert "call 2 was lost, try 3 of 3" in caplog.text and "BrokenExecutor" in caplog.text
     assert executor.calls == 3 + 1 + (TRIES - 1)
     assert "its process died" in table(tmp_path / "out")[2]["reason"]
     kept = (tmp_path / "out" / "0000" / POINT).stat().st_mtime_ns
     executor = Inline()
-    assert [row["status"] for row in run_map(mapped, tmp_path / "out", executor, resume=True)] == ["complete"] * 3
+    assert [row["status"] for row in run_map(mapped, tmp_path / "out", executor, resume=True)] == [
+        "complete"
+    ] * 3
     assert executor.calls == 1
     assert (tmp_path / "out" / "0000" / POINT).stat().st_mtime_ns == kept
 
@@ -294,10 +426,13 @@ def test_an_interrupted_map_keeps_what_has_ended(tmp_path, monkeypatch):
         run_map(mapped, tmp_path / "out", Inline())
     monkeypatch.setattr(map_runs, "run_point", run_point)
     executor = Inline()
-    assert [row["status"] for row in run_map(mapped, tmp_path / "out", executor, resume=True)] == ["complete"] * 3
+    assert [row["status"] for row in run_map(mapped, tmp_path / "out", executor, resume=True)] == [
+        "complete"
+    ] * 3
     assert executor.calls == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
 def test_ending_workers_at_once_does_not_wait_for_their_calls():
     executor = Workers(1)
@@ -313,6 +448,7 @@ def test_ending_workers_at_once_does_not_wait_for_their_calls():
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.slow
 def test_a_process_is_replaced_after_its_calls():
     with Workers(1, calls_each=2) as executor:
         first, second, third = (executor.submit(os.getpid).result() for _ in range(3))
@@ -330,19 +466,27 @@ def check(rows, expected, folder):
     """The rows are complete and have the expected numbers; the table has them all."""
     assert [row["status"] for row in rows] == ["complete"] * len(expected)
     for row, other in zip(rows, expected, strict=True):
-        np.testing.assert_allclose(row["J_mean"], other["J_mean"], rtol=1e-9)  # of converged states, whatever XLA's threads
+        # of converged states, whatever XLA's threads
+        np.testing.assert_allclose(row["J_mean"], other["J_mean"], rtol=1e-9)
     assert [int(row["point"]) for row in table(folder)] == list(range(len(expected)))
-    assert all(json.loads((folder / f"000{k}" / POINT).read_bytes())["row"] == row for k, row in enumerate(rows))
+    assert all(
+        json.loads((folder / f"000{k}" / POINT).read_bytes())["row"] == row
+        for k, row in enumerate(rows)
+    )
 
 
 def killed_in_mid_run(folder, pid_of):
-    """Thread that kills the process ``pid_of()`` as soon as a point has a state on disk; a list of what it killed."""
+    """Thread that kills ``pid_of()`` once a point has a state on disk; a list of the killed."""
     done = []
 
     def kill():
         deadline = time.monotonic() + 120
         while time.monotonic() < deadline:
-            begun = [file.parent for file in folder.glob("*/history.csv") if file.read_bytes().count(b"\n") > 1]
+            begun = [
+                file.parent
+                for file in folder.glob("*/history.csv")
+                if file.read_bytes().count(b"\n") > 1
+            ]
             if any(not (point / POINT).exists() for point in begun):
                 done.append(pid_of())
                 os.kill(done[0], signal.SIGKILL)
@@ -357,7 +501,9 @@ def killed_in_mid_run(folder, pid_of):
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
 @pytest.mark.slow
 def test_a_killed_worker_loses_no_point(tmp_path, expected):
-    thread, killed = killed_in_mid_run(tmp_path / "out", lambda: multiprocessing.active_children()[0].pid)
+    thread, killed = killed_in_mid_run(
+        tmp_path / "out", lambda: multiprocessing.active_children()[0].pid
+    )
     with Workers(2) as executor:
         rows = run_map(study(tmp_path, SQUARE), tmp_path / "out", executor)
     thread.join()
@@ -371,10 +517,17 @@ def test_a_killed_worker_loses_no_point(tmp_path, expected):
 def test_a_killed_dask_worker_loses_no_point(tmp_path, expected):
     distributed = pytest.importorskip("distributed")
     options = dict(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50, local_directory=str(tmp_path)
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        silence_logs=50,
+        local_directory=str(tmp_path),
     )
     with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
-        thread, killed = killed_in_mid_run(tmp_path / "out", lambda: next(iter(client.run(os.getpid).values())))
+        thread, killed = killed_in_mid_run(
+            tmp_path / "out", lambda: next(iter(client.run(os.getpid).values()))
+        )
         rows = run_map(study(tmp_path, SQUARE), tmp_path / "out", client.get_executor(pure=False))
     thread.join()
     assert len(killed) == 1

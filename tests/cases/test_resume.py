@@ -1,4 +1,4 @@
-"""An interrupted run goes on from its last state to those of an uninterrupted one, and what cannot be continued is refused."""
+"""An interrupted run continues to the states of an uninterrupted one, or is refused."""
 
 import json
 import os
@@ -35,7 +35,11 @@ def given(tmp_path_factory):
 
 
 @pytest.mark.parametrize("run", [pytest.param("given", marks=pytest.mark.slow), "swept"])
-@pytest.mark.parametrize("first", [pytest.param(True, marks=pytest.mark.slow), False], ids=["after the first", "in the middle"])
+@pytest.mark.parametrize(
+    "first",
+    [pytest.param(True, marks=pytest.mark.slow), False],
+    ids=["after the first", "in the middle"],
+)
 def test_a_run_killed_after_a_state_ends_with_the_same_states(run, first, request, tmp_path):
     folder, path = request.getfixturevalue(run)
     k = 1 if first else len(path) // 2
@@ -52,9 +56,20 @@ def test_a_run_killed_after_a_state_ends_with_the_same_states(run, first, reques
 def test_a_run_killed_twice_at_any_moment_ends_with_the_same_states(swept, tmp_path):
     """The proof with twenty kills is benchmarks/kill.py."""
     folder, moments = tmp_path / "killed", np.random.default_rng(11)
-    command = ["run", str(swept[0].parent / "case.toml"), "--out", str(folder), "--quiet", "--no-plots"]
+    command = [
+        "run",
+        str(swept[0].parent / "case.toml"),
+        "--out",
+        str(folder),
+        "--quiet",
+        "--no-plots",
+    ]
     for _ in range(2):
-        process = subprocess.Popen([sys.executable, "-m", "jaxgel", *command], stderr=subprocess.PIPE, stdin=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "jaxgel", *command],
+            stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+        )
         while process.poll() is None and len(list(folder.glob("*"))) < 3:
             time.sleep(0.02)
         time.sleep(moments.uniform(0, 2))
@@ -67,7 +82,10 @@ def test_a_run_killed_twice_at_any_moment_ends_with_the_same_states(swept, tmp_p
 
 
 def assert_same(folder, other, k=1):
-    """The two runs have the same first ``k`` states, end alike, and have the same states at equal mu, to the solver's tolerance."""
+    """The two runs have the same first ``k`` states, equal ends, and equal states at equal mu.
+
+    States agree to the solver's tolerance.
+    """
     one, two = load_run(folder), load_run(other)
     np.testing.assert_array_equal(one.x[:k], two.x[:k])
     assert one.mu[-1] == two.mu[-1]
@@ -83,12 +101,17 @@ def assert_same(folder, other, k=1):
 def test_a_path_read_back_is_the_one_that_was_written(swept):
     folder, path = swept
     again = load_path(folder)
-    for leaf, original in zip(jax.tree.leaves((again.model, again.gel)), jax.tree.leaves((path.model, path.gel)), strict=True):
+    for leaf, original in zip(
+        jax.tree.leaves((again.model, again.gel)),
+        jax.tree.leaves((path.model, path.gel)),
+        strict=True,
+    ):
         np.testing.assert_array_equal(leaf, original)
     for name in set(path.__dataclass_fields__) - {"problem"}:
         np.testing.assert_array_equal(getattr(again, name), getattr(path, name), err_msg=name)
 
 
+@pytest.mark.slow
 def test_a_complete_run_is_only_drawn_again(swept, tmp_path, monkeypatch):
     shutil.copytree(swept[0], tmp_path / "copy")
     monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", None)
@@ -96,6 +119,7 @@ def test_a_complete_run_is_only_drawn_again(swept, tmp_path, monkeypatch):
     assert_same(tmp_path / "copy", swept[0])
 
 
+@pytest.mark.slow
 def test_a_run_killed_before_its_first_state_starts_again(swept, tmp_path):
     summary = json.loads((swept[0].with_name("after-1") / "summary.json").read_text())
     (tmp_path / "summary.json").write_text(json.dumps(summary | {"states": 0, "events": []}))
@@ -103,6 +127,7 @@ def test_a_run_killed_before_its_first_state_starts_again(swept, tmp_path):
     assert_same(tmp_path, swept[0])
 
 
+@pytest.mark.slow
 def test_other_versions_are_said(swept, tmp_path, capsys):
     shutil.copytree(swept[0], tmp_path / "copy")
     edit(tmp_path / "copy", versions={"jax": "0.1"})
@@ -131,9 +156,9 @@ def other_mu(folder):
     [
         (
             lambda folder: edit(folder, format=2),
-            r"summary\.json' is damaged or not written by jaxgel: format 2, this version reads 3",
+            r"summary\.json' is damaged or not written by jaxgel: format 2, this version reads 4",
         ),
-        (lambda folder: edit(folder, format=99), "format 99, this version reads 3"),
+        (lambda folder: edit(folder, format=99), "format 99, this version reads 4"),
         (lambda folder: edit(folder, stop="GONE"), "'GONE' is no status"),
         (lambda folder: (folder / "summary.json").write_text("{"), r"summary\.json' is damaged"),
         (lambda folder: (folder / "states.npz").write_bytes(b"PK"), r"states\.npz' is damaged"),

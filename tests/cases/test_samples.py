@@ -15,9 +15,12 @@ def grid(ticks):
 
 
 def n_nodes(plate):
-    """Grid points outside the holes and nodes on the outlines, in proportion to the angle where circles are cut."""
+    """Grid points outside the holes, and outline nodes, by the angle where circles are cut."""
     ticks = np.linspace(-plate.width / 2, plate.width / 2, round(plate.width / plate.spacing) + 1)
-    on_outlines = (len(equal_arc_length(plate, arc, round(plate.nodes_per_hole * (arc.end - arc.start)))) for arc in arcs(plate))
+    on_outlines = (
+        len(equal_arc_length(plate, arc, round(plate.nodes_per_hole * (arc.end - arc.start))))
+        for arc in arcs(plate)
+    )
     return np.sum(~inside_holes(plate, grid(ticks), 1e-9 * plate.spacing)) + sum(on_outlines)
 
 
@@ -34,11 +37,16 @@ def test_all_samples_are_sound_plates():
         assert plate.name == name
 
 
-@pytest.mark.parametrize(("name", "ligament"), [("sample-4", 1.0), ("sample-7", 1.0), ("sample-1", 1.0)])
+@pytest.mark.parametrize(
+    ("name", "ligament"), [("sample-4", 1.0), ("sample-7", 1.0), ("sample-1", 1.0)]
+)
 def test_largest_holes_leave_one_millimetre(name, ligament):
-    outlines = [shapely.Polygon([hole.point(t) for t in np.arange(40) / 40]) for hole in sample(name).holes]
+    outlines = [
+        shapely.Polygon([hole.point(t) for t in np.arange(40) / 40]) for hole in sample(name).holes
+    ]
     nearest = min(a.distance(b) for i, a in enumerate(outlines) for b in outlines[:i])
-    assert nearest == pytest.approx(ligament, abs=1e-12)  # the nearest points are among the 40: axis ends and sides
+    # the nearest points are among the 40: axis ends and sides
+    assert nearest == pytest.approx(ligament, abs=1e-12)
 
 
 def test_long_axes_lie_along_x_in_the_first_and_third_quadrant():
@@ -50,19 +58,32 @@ def test_long_axes_lie_along_x_in_the_first_and_third_quadrant():
             assert tuple(hole.semi_axes) == semi_axes
             end = np.asarray(hole.point(0.0) - hole.centre)
             along_x = float(hole.centre[0] * hole.centre[1]) > 0
-            np.testing.assert_allclose(end, (semi_axes[0], 0) if along_x else (0, semi_axes[0]), atol=1e-14)
+            np.testing.assert_allclose(
+                end, (semi_axes[0], 0) if along_x else (0, semi_axes[0]), atol=1e-14
+            )
 
 
 def test_areas_of_circles_and_squares_are_equal():
-    for circles, squares in (("sample-4", "sample-7"), ("sample-5", "sample-8"), ("sample-6", "sample-9")):
-        np.testing.assert_allclose(sample(circles).holes[0].area(), sample(squares).holes[0].area(), rtol=1e-14)
+    for circles, squares in (
+        ("sample-4", "sample-7"),
+        ("sample-5", "sample-8"),
+        ("sample-6", "sample-9"),
+    ):
+        np.testing.assert_allclose(
+            sample(circles).holes[0].area(), sample(squares).holes[0].area(), rtol=1e-14
+        )
 
 
 def test_gels_walls_and_core_points_are_the_papers():
     assert (sample("sample-5").gel.Nv, sample("sample-5").gel.chi) == (1e-3, 1e-4)
     assert (sample("lattice").gel.chi, sample("lattice").core) == (1e-5, (1.0, 1.0))
     assert sample("square").gel.chi == 0.1
-    assert dict(sample("square").edges) == {"left": "roller", "right": "roller", "bottom": "roller", "top": "free"}
+    assert dict(sample("square").edges) == {
+        "left": "roller",
+        "right": "roller",
+        "bottom": "roller",
+        "top": "free",
+    }
     assert set(sample("lattice").edges.values()) == {"roller"}
 
 

@@ -1,4 +1,7 @@
-"""Searches from several starts: the draw, the table of optima, and that an interruption or a failed start loses nothing."""
+"""Searches from several starts: the draw, the table of optima, interruptions, failures.
+
+An interruption or a failed start loses nothing.
+"""
 
 import csv
 import json
@@ -15,13 +18,25 @@ import numpy as np
 import pytest
 from studies import STUDY, changed, interrupt, one_cloud
 
-from jaxgel.cases import OPTIMA, VERIFIED, Study, draw_starts, resumed_study, run_study, study_from_table
+from jaxgel.cases import (
+    OPTIMA,
+    VERIFIED,
+    Study,
+    draw_starts,
+    resumed_study,
+    run_study,
+    study_from_table,
+)
 from jaxgel.cli import command_line as cli
 from jaxgel.design import read_log, search
 from jaxgel.io import Workers
 
 ANGLE = '[[parameters]]\nof = "angle"\nlower = 0.3\nupper = 0.5\n'
-SMALL = changed(STUDY, ("evaluations = 4", "evaluations = 2\nstarts = 3")) + ANGLE + "[output]\nfigures = false\n"
+SMALL = (
+    changed(STUDY, ("evaluations = 4", "evaluations = 2\nstarts = 3"))
+    + ANGLE
+    + "[output]\nfigures = false\n"
+)
 
 
 def study(*changes):
@@ -32,7 +47,10 @@ def study(*changes):
 def table(folder):
     """Rows of starts.csv, without the seconds that they took."""
     with (folder / OPTIMA).open(newline="") as stream:
-        return [{key: value for key, value in row.items() if key != "seconds"} for row in csv.DictReader(stream)]
+        return [
+            {key: value for key, value in row.items() if key != "seconds"}
+            for row in csv.DictReader(stream)
+        ]
 
 
 def test_starts_are_drawn_within_the_bounds_among_valid_plates():
@@ -40,7 +58,8 @@ def test_starts_are_drawn_within_the_bounds_among_valid_plates():
     axes = np.array([start["semi_axes"] for start in starts])
     assert axes.shape == (12, 2) and axes[0].tolist() == [2.4, 1.6]
     assert np.all((axes >= [2.1, 1.4]) & (axes <= [2.7, 1.8]))
-    assert np.all(np.pi * axes.prod(axis=1) >= 10.0)  # mm^2, the constraint on the dry plate, which the smallest ellipse does not meet
+    # mm^2, the constraint on the dry plate, which the smallest ellipse does not meet
+    assert np.all(np.pi * axes.prod(axis=1) >= 10.0)
     assert draw_starts(study()) == starts[:3]  # fewer of them are the first ones
     assert draw_starts(study(("starts = 3", "starts = 3\nseed = 1")))[1:] != starts[1:3]
 
@@ -63,13 +82,22 @@ def test_wrong_numbers_of_starts_are_refused(refused):
 
 
 def test_a_seed_without_starts_is_refused():
-    with pytest.raises(ValueError, match=r"^search: starts is missing; give a whole number of at least 1 and of at most 999$"):
+    with pytest.raises(
+        ValueError,
+        match=r"^search: starts is missing; give a whole number of at least 1 and of at most 999$",
+    ):
         study(("starts = 3", "seed = 1"))
 
 
 def test_bounds_without_valid_plates_are_one_line(tmp_path):
     """The largest ellipse has 15.3 mm^2."""
-    with pytest.raises(ValueError, match=r"^search.starts: 3 is too many, only 0 of 100 draws .* \(.*hole_area >= 15.3 is not met"):
+    with pytest.raises(
+        ValueError,
+        match=(
+            r"^search.starts: 3 is too many, only 0 of 100 draws .* \(.*hole_area >= 15.3 is not "
+            r"met"
+        ),
+    ):
         run_study(study(("above = 10.0", "above = 15.3")), tmp_path / "out")
     assert list((tmp_path / "out").iterdir()) == []
 
@@ -77,7 +105,10 @@ def test_bounds_without_valid_plates_are_one_line(tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
 def test_a_killed_worker_loses_no_search(tmp_path):
-    """Two processes, one of which is killed once it has a sweep in its log, give what one process gives."""
+    """Two processes, one of them killed, give what one process gives.
+
+    It is killed once it has a sweep in its log.
+    """
     small, one, two = study(("starts = 3", "starts = 2")), tmp_path / "one", tmp_path / "two"
     with Workers(1) as executor:
         run_study(small, one, executor=executor)
@@ -94,25 +125,43 @@ def test_a_killed_worker_loses_no_search(tmp_path):
         run_study(small, two, executor=executor)
     thread.join()
     for row, other in zip(table(one), table(two), strict=True):
-        np.testing.assert_allclose(float(row["best_value"]), float(other["best_value"]), rtol=1e-9)  # of converged states
+        # of converged states
+        np.testing.assert_allclose(float(row["best_value"]), float(other["best_value"]), rtol=1e-9)
 
 
 def replaced(self, vector):
-    """In place of a sweep: a paraboloid over the semi-axes, highest at 2.3 and 1.7 mm, and its pullback; nothing is reported."""
+    """In place of a sweep: a paraboloid over the semi-axes, and its pullback.
+
+    It is highest at 2.3 and 1.7 mm; nothing is reported.
+    """
     found = jax.vjp(
-        lambda v: jnp.sum((self.problem.parameters(v)["semi_axes"] - jnp.array([2.3, 1.7])) ** 2)[None] - 1.0, jnp.asarray(vector)
+        lambda v: (
+            jnp.sum((self.problem.parameters(v)["semi_axes"] - jnp.array([2.3, 1.7])) ** 2)[None]
+            - 1.0
+        ),
+        jnp.asarray(vector),
     )
     return *found, {}
 
 
 def verified(self, parameters, **_):
     """In place of a verification."""
-    return dict(valid=True, reason="valid", nodes=0, spacing=1.2, value=0.0, semi_axes=np.asarray(parameters["semi_axes"]).tolist()), None
+    return dict(
+        valid=True,
+        reason="valid",
+        nodes=0,
+        spacing=1.2,
+        value=0.0,
+        semi_axes=np.asarray(parameters["semi_axes"]).tolist(),
+    ), None
 
 
 @pytest.fixture(scope="module", params=["replaced", pytest.param("true", marks=pytest.mark.slow)])
 def sweeps(request):
-    """Sweeps by a paraboloid, or true ones on one cloud for all, so that programs are compiled once; a list of axes without a cloud."""
+    """Sweeps by a paraboloid, or true ones on one cloud; a list of axes without a cloud.
+
+    On one cloud for all programs are compiled once.
+    """
     without = []
     with pytest.MonkeyPatch.context() as patch:
         one_cloud(patch, without)
@@ -132,19 +181,40 @@ def whole(sweeps, tmp_path_factory):
 
 def test_the_table_has_a_row_for_every_start_and_the_best_is_verified(whole):
     folder, design, verified = whole
-    assert {file.name for file in folder.iterdir()} == {"starts.json", OPTIMA, "starts", "best.toml", VERIFIED}
+    assert {file.name for file in folder.iterdir()} == {
+        "starts.json",
+        OPTIMA,
+        "starts",
+        "best.toml",
+        VERIFIED,
+    }
     rows = table(folder)
     assert [row["start"] for row in rows] == ["1", "2", "3", "4"]
     assert [row["outcome"] for row in rows] == ["exhausted", "exhausted", "failed", "exhausted"]
     for row, start in zip(rows, draw_starts(study(("starts = 3", "starts = 4"))), strict=True):
-        assert [float(row[f"start_{name}"]) for name in ("semi_axes_0", "semi_axes_1", "angle")] == [*start["semi_axes"], start["angle"]]
-    assert rows[2]["reason"] == "plate: no cloud" and rows[2]["best_value"] == rows[2]["distance"] == ""
+        assert [
+            float(row[f"start_{name}"]) for name in ("semi_axes_0", "semi_axes_1", "angle")
+        ] == [*start["semi_axes"], start["angle"]]
+    assert (
+        rows[2]["reason"] == "plate: no cloud"
+        and rows[2]["best_value"] == rows[2]["distance"] == ""
+    )
     ended = [row for row in rows if row["outcome"] == "exhausted"]
-    assert all(row["feasible"] == "True" and row["evaluations"] == "2" and row["reason"] == "" for row in ended)
+    assert all(
+        row["feasible"] == "True" and row["evaluations"] == "2" and row["reason"] == ""
+        for row in ended
+    )
     best = max(ended, key=lambda row: float(row["best_value"]))
     assert [row for row in ended if float(row["distance"]) == 0.0] == [best]
-    assert [float(best[f"best_semi_axes_{i}"]) for i in range(2)] == verified["parameters"]["semi_axes"]
-    assert float(best["best_value"]) == design.value == verified["search"]["value"] > float(best["start_value"])
+    assert [float(best[f"best_semi_axes_{i}"]) for i in range(2)] == verified["parameters"][
+        "semi_axes"
+    ]
+    assert (
+        float(best["best_value"])
+        == design.value
+        == verified["search"]["value"]
+        > float(best["start_value"])
+    )
     assert json.loads((folder / VERIFIED).read_text()) == verified and verified["best"]["valid"]
 
 
@@ -155,7 +225,9 @@ def test_the_command_prints_the_table_and_repeats_no_search(whole, capsys):
     head, *lines = capsys.readouterr().out.splitlines()[:5]
     assert head.split("  ")[0] == "start" and head.endswith("reason")
     assert [line.split()[0] for line in lines] == ["1", "2", "3", "4"]
-    assert lines[2].endswith("plate: no cloud") and any(f"{design.value:.6g}" in line for line in lines)
+    assert lines[2].endswith("plate: no cloud") and any(
+        f"{design.value:.6g}" in line for line in lines
+    )
     assert table(folder) == before
 
 
@@ -170,7 +242,9 @@ def test_start_1_is_the_single_search(whole, tmp_path):
     assert float(table(whole[0])[0]["best_value"]) == design.value
 
 
-def test_interrupted_searches_go_on_to_the_same_numbers_and_are_not_repeated(whole, tmp_path, monkeypatch):
+def test_interrupted_searches_go_on_to_the_same_numbers_and_are_not_repeated(
+    whole, tmp_path, monkeypatch
+):
     """Ctrl-C in the fourth sweep, the second of the second search; two starts at first."""
     calls = interrupt(monkeypatch, 4)
     with pytest.raises(KeyboardInterrupt):
@@ -189,9 +263,17 @@ def test_interrupted_searches_go_on_to_the_same_numbers_and_are_not_repeated(who
 
 
 def test_where_all_starts_fail_the_study_does(tmp_path, monkeypatch):
-    monkeypatch.setattr(search.Search, "_forward", lambda self, vector: (_ for _ in ()).throw(search.Invalid("no state")))
+    monkeypatch.setattr(
+        search.Search,
+        "_forward",
+        lambda self, vector: (_ for _ in ()).throw(search.Invalid("no state")),
+    )
     with pytest.raises(
-        ValueError, match=r"^search.starts: none of 3 is a valid design; start 1: start: .* not valid: no state; see .*csv$"
+        ValueError,
+        match=(
+            r"^search.starts: none of 3 is a valid design; start 1: start: .* not valid: no "
+            r"state; see .*csv$"
+        ),
     ):
         run_study(study(), tmp_path)
     assert [row["outcome"] for row in table(tmp_path)] == ["failed"] * 3

@@ -1,4 +1,4 @@
-"""Studies of gels that swell in time: objectives and constraints at times, and times as objectives."""
+"""Studies of swelling in time: objectives and constraints at times, times as objectives."""
 
 import json
 import re
@@ -12,8 +12,9 @@ import pytest
 from studies import COARSE, changed, designed
 
 import jaxgel
-from jaxgel.cases import VERIFIED, load_case, study_from_table
+from jaxgel.cases import VERIFIED, load_case, study_from_table, study_runs
 from jaxgel.cli import command_line as cli
+from jaxgel.design import Design, Outcome
 
 STUDY = (
     COARSE
@@ -55,7 +56,11 @@ spacing = 0.8
 """
 )
 NO_CONSTRAINTS = STUDY[STUDY.index("[[constraints]]") : STUDY.index("[search]")], ""
-SMALL = changed(STUDY, NO_CONSTRAINTS, ("end = 0.5\nfirst = 0.05\nsteps_per_decade = 4", "times = [0.1, 0.3, 0.5]"))
+SMALL = changed(
+    STUDY,
+    NO_CONSTRAINTS,
+    ("end = 0.5\nfirst = 0.05\nsteps_per_decade = 4", "times = [0.1, 0.3, 0.5]"),
+)
 """The study without constraints, in three steps."""
 TARGET = "target = 1.15\nat_time = 0.4\n"
 GOAL = '[[objective]]\nof = "surface_ratio"\ngoal = "minimise"\ntime_to = 1.12\n'
@@ -75,6 +80,7 @@ def placed():
     return problem, problem.make_cloud(problem.plate(problem.start))
 
 
+@pytest.mark.slow
 def test_terms_are_the_quantity_at_a_time_and_the_time_at_which_it_reaches_a_value(placed):
     """As `at_time` and `time_to` give them, on the path of `swell` of the same plate."""
     problem, cloud = placed
@@ -100,7 +106,9 @@ def test_the_gradient_of_terms_in_time_is_a_difference():
 
     Where a point enters a support the slope jumps: by 2e-4 of itself between -9e-5 and -5e-5.
     """
-    problem = study(("spacing = 0.8\nnodes_per_hole = 8", "spacing = 0.6666666666666666\nnodes_per_hole = 12")).problem
+    problem = study(
+        ("spacing = 0.8\nnodes_per_hole = 8", "spacing = 0.6666666666666666\nnodes_per_hole = 12")
+    ).problem
     cloud = problem.make_cloud(problem.plate(problem.start))
     vector, step = jnp.asarray(problem.vector), 2.5e-5
 
@@ -120,41 +128,88 @@ def test_a_verification_has_half_the_steps():
     assert listed.refined == pytest.approx([0.05, 0.1, 0.3, 0.5])
 
 
-@pytest.mark.parametrize(
-    ("text", "interrupted"), [(SMALL, False), *(pytest.param(STUDY, late, marks=pytest.mark.slow) for late in (False, True))]
-)
-def test_the_command_leaves_a_valid_design_that_run_accepts(text, interrupted, tmp_path):
-    """Of the study, at once or interrupted and resumed."""
-    folder = designed(text, tmp_path, interrupted=interrupted, sweep=2)
-    assert {file.name for file in folder.iterdir()} == {"design.json", "best.toml", VERIFIED, "design.png"}
-    verified = json.loads((folder / VERIFIED).read_text())
-    assert verified["best"]["valid"] and verified["best"]["value"] <= verified["start"]["value"]
-    assert verified["best"]["reported"]["time to surface_ratio = 1.12"] > 0
+@pytest.mark.slow
+def test_a_design_is_written_as_a_case_that_run_accepts_and_verified(tmp_path):
+    """Here the start; the search before it is that of the slow test.
+
+    And of tests/cases/test_field_studies.py without time.
+    """
+    made = study_from_table(tomllib.loads(SMALL + "[output]\nfigures = false\n"), "small")
+    design = Design(made.problem.start, 1.0, {}, True, Outcome.EXHAUSTED, [{"value": 1.0}])
+    verified = study_runs._verified(made, design, tmp_path)
+    assert json.loads((tmp_path / VERIFIED).read_text()) == json.loads(json.dumps(verified))
+    assert (
+        verified["best"] == verified["start"]
+        and verified["best"]["reported"]["time to surface_ratio = 1.12"] > 0
+    )
+    check_case(tmp_path, made, verified)
+
+
+def check_case(folder, made, verified):
+    """The best design is a case with its study's times and baths and the verified radius."""
     case = load_case(folder / "best.toml")
-    made = study_from_table(tomllib.loads(text), "small").case
-    assert case.time == made.time and case.baths() == made.baths()
+    assert case.time == made.case.time and case.baths() == made.case.baths()
     assert case.plate.holes[0].radius == pytest.approx(verified["parameters"]["radius"], rel=1e-15)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("text", "interrupted"), [(SMALL, False), (STUDY, False), (STUDY, True)])
+def test_the_command_leaves_a_valid_design_that_run_accepts(text, interrupted, tmp_path):
+    """Of the study, at once or interrupted and resumed."""
+    folder = designed(text, tmp_path, interrupted=interrupted, sweep=2)
+    assert {file.name for file in folder.iterdir()} == {
+        "design.json",
+        "best.toml",
+        VERIFIED,
+        "design.png",
+    }
+    verified = json.loads((folder / VERIFIED).read_text())
+    assert verified["best"]["valid"] and verified["best"]["value"] <= verified["start"]["value"]
+    assert verified["best"]["reported"]["time to surface_ratio = 1.12"] > 0
+    check_case(folder, study_from_table(tomllib.loads(text), "small"), verified)
+
+
+@pytest.mark.slow
 def test_a_design_that_does_not_reach_the_value_is_not_valid(tmp_path, capsys):
     """With the values that it has."""
     (tmp_path / "small.toml").write_text(STUDY.replace("time_to = 1.12", "time_to = 9.0"))
     assert cli.main(["design", str(tmp_path / "small.toml"), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "start: the first design is not valid: surface_ratio does not reach 9 until t = 0.5, its" in line
+    assert (
+        "start: the first design is not valid: surface_ratio does not reach 9 until t = 0.5, its"
+        in line
+    )
 
 
 REFUSED = [
     ((TARGET, "target = 1.15\n"), "objective[0]: at_time is missing; give the time at which"),
-    ((TARGET, TARGET + "time_to = 1.0\n"), "objective[0]: give one of at_time and time_to, not both"),
-    ((TARGET, "target = 1.15\nat = -1.5\n"), "objective[0].at: does not go with [time]; give at_time or time_to"),
+    (
+        (TARGET, TARGET + "time_to = 1.0\n"),
+        "objective[0]: give one of at_time and time_to, not both",
+    ),
+    (
+        (TARGET, "target = 1.15\nat = -1.5\n"),
+        "objective[0].at: does not go with [time]; give at_time or time_to",
+    ),
     ((TARGET, "curve = [1.15]\n"), "objective[0].curve: does not go with [time]"),
     ((TARGET, "line = { slope = 1.0, mu0 = 1.0 }\n"), "objective[0].line: does not go with [time]"),
     ((TARGET, TARGET + "from = 0.1\n"), "objective[0].from: does not go with [time]"),
-    ((TARGET, "target = 1.15\nat_time = 0.6\n"), "objective[0].at_time: 0.6 is not in the run, 0 ... 0.5"),
-    ((TARGET, "target = 1.15\nat_time = -0.1\n"), "objective[0].at_time: -0.1 is not a finite number of at least 0"),
-    ((GOAL, '[[objective]]\nof = "fold_up"\ntarget = 1.0\n'), "objective[1].of: 'fold_up' is for equilibria"),
-    (('of = "area_reduction"', 'of = "lowest_eigenvalue"'), "constraints[0].of: 'lowest_eigenvalue' is for equilibria"),
+    (
+        (TARGET, "target = 1.15\nat_time = 0.6\n"),
+        "objective[0].at_time: 0.6 is not in the run, 0 ... 0.5",
+    ),
+    (
+        (TARGET, "target = 1.15\nat_time = -0.1\n"),
+        "objective[0].at_time: -0.1 is not a finite number of at least 0",
+    ),
+    (
+        (GOAL, '[[objective]]\nof = "fold_up"\ntarget = 1.0\n'),
+        "objective[1].of: 'fold_up' is for equilibria",
+    ),
+    (
+        ('of = "area_reduction"', 'of = "lowest_eigenvalue"'),
+        "constraints[0].of: 'lowest_eigenvalue' is for equilibria",
+    ),
     (
         (GOAL, '[[objective]]\nof = "free_edge"\noutline = [[0, 0], [1, 1]]\ntime_to = 1.0\n'),
         "objective[1].time_to: does not go with 'free_edge'; remove it",
@@ -165,7 +220,10 @@ REFUSED = [
         ('of = "area_reduction"', 'of = "hole_area"'),
         "constraints[0].at_time: does not go with 'hole_area'; remove it",
     ),
-    ((TARGET, TARGET + "hole = 0\n"), "objective[0].hole: does not go with 'surface_ratio'; remove it"),
+    (
+        (TARGET, TARGET + "hole = 0\n"),
+        "objective[0].hole: does not go with 'surface_ratio'; remove it",
+    ),
     ((AREA, AREA + "hole = 1\n"), "constraints[0].hole: 1 is not the number of a hole, 0 to 0"),
     (("[verification]", "[verification]\nmu = [-1.0]"), "verification.mu: does not go with [time]"),
     (

@@ -17,7 +17,9 @@ def python(code, *arguments, folder=None, **variables):
     """What a new process prints, of Python ``code``."""
     own = {name: value for name, value in os.environ.items() if name not in UNSET}
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(command, env=own | variables, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(
+        command, env=own | variables, cwd=folder, capture_output=True, text=True, check=True
+    ).stdout.strip()
 
 
 @pytest.mark.parametrize(
@@ -26,7 +28,11 @@ def python(code, *arguments, folder=None, **variables):
         "import jaxgel, jax",
         *(
             pytest.param(line, marks=pytest.mark.slow)
-            for line in ("import jax, jaxgel", "import jaxgel, jax.numpy", "import jaxgel.linalg, jax")
+            for line in (
+                "import jax, jaxgel",
+                "import jaxgel, jax.numpy",
+                "import jaxgel.linalg, jax",
+            )
         ),
     ],
 )
@@ -57,8 +63,11 @@ print(json.dumps(told))
 
 
 def test_the_process_is_prepared_and_variables_of_the_user_are_kept(tmp_path):
-    """Compiled programs lie in the user's cache folder, it computes on the CPU, and XLA has its flags, unless told otherwise."""
-    home, flag = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}, "--xla_backend_optimization_level=1"
+    """Defaults: programs in the user's cache folder, CPU, XLA's flags, unless told otherwise."""
+    home, flag = (
+        {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")},
+        "--xla_backend_optimization_level=1",
+    )
     given = [
         (None, home),
         (None, home | {"JAXGEL_CACHE": str(tmp_path / "own")}),
@@ -68,15 +77,30 @@ def test_the_process_is_prepared_and_variables_of_the_user_are_kept(tmp_path):
         (None, home | {"JAXGEL_CACHE": "off"}),
         ("off", {"XLA_FLAGS": flag, "JAX_PLATFORMS": "cuda"}),
     ]
-    folders, platforms, flags, *settings = zip(*json.loads(python(PREPARED, json.dumps(given))), strict=True)
+    folders, platforms, flags, *settings = zip(
+        *json.loads(python(PREPARED, json.dumps(given))), strict=True
+    )
     assert folders[0].startswith(str(tmp_path))
     assert folders[1:] == (str(tmp_path / "own"), "given", "users", None, None, None)
     assert platforms == ("cpu",) * 6 + ("cuda",)
-    assert flags[0].split() == environment.quick_flags() and flags[-1].split() == [flag, *environment.quick_flags()[1:]]
+    assert flags[0].split() == environment.quick_flags() and flags[-1].split() == [
+        flag,
+        *environment.quick_flags()[1:],
+    ]
     assert settings == [folders, platforms]
 
 
 def test_importing_the_package_and_calling_a_command_leave_the_process_alone():
-    code = "import os, jax; before = dict(os.environ); import jaxgel; jaxgel.sweep; from jaxgel.cli import main; main(['samples']); "
-    told = "jax.config.jax_compilation_cache_dir, jax.config.jax_platforms, jax.devices()[0].platform"
-    assert python(code + f"print(before == dict(os.environ), {told})").split()[-4:] == ["True", "None", "None", "cpu"]
+    code = (
+        "import os, jax; before = dict(os.environ); import jaxgel; jaxgel.sweep; from jaxgel.cli "
+        "import main; main(['samples']); "
+    )
+    told = (
+        "jax.config.jax_compilation_cache_dir, jax.config.jax_platforms, jax.devices()[0].platform"
+    )
+    assert python(code + f"print(before == dict(os.environ), {told})").split()[-4:] == [
+        "True",
+        "None",
+        "None",
+        "cpu",
+    ]

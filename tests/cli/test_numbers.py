@@ -1,4 +1,7 @@
-"""Every number that a user can give, tiny, huge, negative or not finite, ends in a result or in one line: no traceback, bounded memory."""
+"""Extreme numbers from a user end in a result or in one line, with bounded memory.
+
+Tiny, huge, negative or not finite; no traceback.
+"""
 
 import copy
 import functools
@@ -12,7 +15,7 @@ import pytest
 
 from jaxgel.cases import Case, case_schema
 from jaxgel.cli import command_line as cli
-from jaxgel.cli import parser
+from jaxgel.cli import options, parser
 from jaxgel.continuation import SweepFailed
 from jaxgel.discretisation import DiscretisationOptions
 
@@ -23,7 +26,13 @@ HOLES = [
     {"kind": "circle", "centre": [0.1, -0.2], "radius": 1.1},
     {"kind": "ellipse", "centre": [0.1, 0.0], "semi_axes": [1.2, 0.9], "angle": 0.3},
     {"kind": "rectangle", "centre": [0.1, 0.0], "sides": [1.8, 1.5], "angle": 0.3},
-    {"kind": "superellipse", "centre": [0.1, 0.0], "semi_axes": [1.2, 0.9], "angle": 0.3, "exponent": 3.0},
+    {
+        "kind": "superellipse",
+        "centre": [0.1, 0.0],
+        "semi_axes": [1.2, 0.9],
+        "angle": 0.3,
+        "exponent": 3.0,
+    },
     {"kind": "fourier", "centre": [0.1, 0.0], "radius": 1.0, "cos": [0.1], "sin": [0.0]},
     {"kind": "polygon", "vertices": [[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]]},
 ]
@@ -42,19 +51,68 @@ CASES = {f"hole {hole['kind']}": {"plate": PLATE, "holes": [hole]} for hole in H
         "sweep": {"mu_start": -4.9, "mu_end": -4.8, "steps": 2, "imperfection": 0.1},
         "discretisation": {"spacing": 0.8, "nodes_per_hole": 12, "across": 2, "dmax": 2.95},
     },
-    "loads": {"plate": PLATE, "holes": HOLES[:1], "loads": {"body_force": [0.0, 1e-4], "traction": {"top": [0.0, 1e-4]}}},
-    "picture": {"plate": PLATE, "gel": {"Nv": {"pixels": [[0, 255], [9, 99]], "low": 1e-3, "high": 2e-3}}},
+    "loads": {
+        "plate": PLATE,
+        "holes": HOLES[:1],
+        "loads": {"body_force": [0.0, 1e-4], "traction": {"top": [0.0, 1e-4]}},
+    },
+    "picture": {
+        "plate": PLATE,
+        "gel": {"Nv": {"pixels": [[0, 255], [9, 99]], "low": 1e-3, "high": 2e-3}},
+    },
     "values": {"plate": PLATE, "gel": {"Nv": {"values": [[1e-3, 2e-3], [1e-3, 1e-3]]}}},
     "region": {"plate": PLATE, "regions": [HOLES[0] | {"elastomer": {"Nv": 0.1, "bulk": 10.0}}]},
     "layer": {"plate": PLATE, "regions": [HOLES[2] | {"gel": {"Nv": 2e-3, "chi": 0.2}}]},
-    "axial stretch": {"plate": PLATE | {"kinematics": "generalised plane strain", "axial_stretch": 1.05}},
+    "axial stretch": {
+        "plate": PLATE | {"kinematics": "generalised plane strain", "axial_stretch": 1.05}
+    },
     "given mu": {"plate": PLATE, "sweep": {"mu": [-4.9, -4.8]}},
+    "disc": {
+        "plate": PLATE,
+        "obstacles": [{"kind": "disc", "centre": [0.0, 9.0], "radius": 1.0}],
+        "sweep": {"contact_range": 0.05},
+    },
+    "half-plane": {
+        "plate": PLATE,
+        "obstacles": [{"kind": "half-plane", "point": [0.0, 9.0], "normal": [0.0, -1.0]}],
+    },
+    "punch": {
+        "plate": PLATE,
+        "obstacles": [{"kind": "half-plane", "point": [0.0, 9.0], "normal": [0.0, -1.0]}],
+        "sweep": {
+            "control": "punch",
+            "values": [0.0, 0.1],
+            "obstacle": 0,
+            "displacement": [0.0, -1.0],
+        },
+    },
+    "polyline": {
+        "plate": PLATE,
+        "obstacles": [{"kind": "polyline", "points": [[0.0, 9.0], [1.0, 9.0]]}],
+    },
     "pnipam": {"plate": PLATE, "gel": {"kind": "pnipam", "Nv": 0.01, "temperature": 30.0}},
     "polyelectrolyte": {
         "plate": PLATE,
-        "gel": {"kind": "polyelectrolyte", "pH": 5.0, "salt": 0.01, "acid_fraction": 0.05, "pKa": 4.3, "solvent_volume": 0.1},
+        "gel": {
+            "kind": "polyelectrolyte",
+            "pH": 5.0,
+            "salt": 0.01,
+            "acid_fraction": 0.05,
+            "pKa": 4.3,
+            "solvent_volume": 0.1,
+        },
     },
-    "driven": {"plate": PLATE, "sweep": {"control": "chi", "from": 0.1, "to": 0.2, "steps": 3, "back": True, "at_mu": -1.0}},
+    "driven": {
+        "plate": PLATE,
+        "sweep": {
+            "control": "chi",
+            "from": 0.1,
+            "to": 0.2,
+            "steps": 3,
+            "back": True,
+            "at_mu": -1.0,
+        },
+    },
     "in time": {
         "plate": PLATE,
         "holes": [HOLES[0] | {"bath": {"mu": -1.0, "ramp": 0.1}}],
@@ -87,10 +145,15 @@ ENTRIES = [
     (name, path)
     for name, table in CASES.items()
     for path in leaves(table)
-    if not (name.startswith("hole") and path[0] == "plate") and (name != "loads" or path[0] == "loads")
+    if not (name.startswith("hole") and path[0] == "plate")
+    and (name != "loads" or path[0] == "loads")
 ]
-QUICK = [name for name in CASES if not name.startswith("hole") or name in ("hole circle", "hole ellipse")]
-COMMANDS = dict.fromkeys(("run", "critical", "loop", "check-grad", "outline", "accuracy"), "square") | {
+QUICK = [
+    name for name in CASES if not name.startswith("hole") or name in ("hole circle", "hole ellipse")
+]
+COMMANDS = dict.fromkeys(
+    ("run", "critical", "loop", "check-grad", "outline", "accuracy"), "square"
+) | {
     "serve": "no.toml",
     "uncertainty": "uncertain.toml",
     "waves": "cell.toml",
@@ -109,13 +172,18 @@ plate = { width = 4.0, height = 4.0, spacing = 0.8, nodes_per_hole = 12, edges =
 holes = [{ kind = "circle", centre = [0.0, 0.0], radius = 1.1 }]
 """
 UNCERTAIN = "plate = { sample = 'square' }\nuncertainty = { Nv = '5 %' }\n"
-OF_CLOUDS = {"plate", "holes", "regions", "spacing", "nodes_per_hole", "across"}  # each of their numbers makes programs of its own
-NUMERIC = {parser._real, parser._reals, parser._whole, parser._steps}
+# each of their numbers makes programs of its own
+OF_CLOUDS = {"plate", "holes", "regions", "spacing", "nodes_per_hole", "across"}
+NUMERIC = {options.real, options.reals, options.whole_number, options.steps}
 
 
 def options(command):
     """Every option of a command that takes a number."""
-    return [action.option_strings[0] for action in parser.parser()[1][command]._actions if action.type in NUMERIC]
+    return [
+        action.option_strings[0]
+        for action in parser.parser()[1][command]._actions
+        if action.type in NUMERIC
+    ]
 
 
 def toml(table):
@@ -124,7 +192,13 @@ def toml(table):
     def value(v):
         if isinstance(v, dict):
             return "{ " + ", ".join(f"{key} = {value(item)}" for key, item in v.items()) + " }"
-        return f"[{', '.join(map(value, v))}]" if isinstance(v, list) else json.dumps(v) if isinstance(v, str) else repr(v)
+        return (
+            f"[{', '.join(map(value, v))}]"
+            if isinstance(v, list)
+            else json.dumps(v)
+            if isinstance(v, str)
+            else repr(v)
+        )
 
     return "\n".join(f"{section} = {value(entries)}" for section, entries in table.items())
 
@@ -137,7 +211,7 @@ def changed(table, path, number):
 
 @pytest.fixture
 def fault(monkeypatch, capsys, tmp_path):
-    """Function that runs a command up to its sweep: how it ends other than it should, and what it printed."""
+    """Function that runs a command up to its sweep: unexpected ends, and its output."""
 
     def stop(*_, **__):
         raise SweepFailed("sweep: reached")
@@ -171,7 +245,11 @@ def fault(monkeypatch, capsys, tmp_path):
         error = re.sub(
             r"jaxgel: warning: (spacing|nodes_per_hole): [^\n]*\n", "", capsys.readouterr().err
         )  # of a coarse cloud, beside the line
-        wrong = code not in (0, 2, 3) or not re.fullmatch(r"(jaxgel: [^\n]*\n)?", error) or (code == 0) != (error == "")
+        wrong = (
+            code not in (0, 2, 3)
+            or not re.fullmatch(r"(jaxgel: [^\n]*\n)?", error)
+            or (code == 0) != (error == "")
+        )
         return (f"exit code {code} and {error!r}" if wrong else ""), code, error
 
     yield run
@@ -182,26 +260,47 @@ def fault(monkeypatch, capsys, tmp_path):
 def test_a_numeric_option_ends_in_a_result_or_one_line(command, fault):
     faults = []
     for option, number in itertools.product(options(command), NUMBERS):
-        word = repr(number) if isinstance(number, float) and not number.is_integer() else f"{number:.0f}"
+        word = (
+            repr(number)
+            if isinstance(number, float) and not number.is_integer()
+            else f"{number:.0f}"
+        )
         moves = option.strip("-").replace("-", "_") in OF_CLOUDS
         words = [command, COMMANDS[command], f"{option}={word}", *BESIDE.get(option, ())]
-        text, code, error = fault(words, without_model=moves, same_model=not moves and option != "--dmax")
+        text, code, error = fault(
+            words, without_model=moves, same_model=not moves and option != "--dmax"
+        )
         if code == 2 and command not in ("design", "map", "resume", "serve"):
             named = option.strip("-").replace("-", "_") in error.replace("-", "_")
-            text = text or ("" if named or "mu" in option or "dmax" in option or option in BESIDE else f"{option} is not in {error!r}")
+            text = text or (
+                ""
+                if named or "mu" in option or "dmax" in option or option in BESIDE
+                else f"{option} is not in {error!r}"
+            )
         faults += [f"{option}={word}: {text}"] * bool(text)
     assert not faults, "\n".join(faults)
 
 
 @pytest.mark.parametrize(
-    ("name", "whole"), [(name, False) for name in QUICK] + [pytest.param(name, True, marks=pytest.mark.slow) for name in CASES]
+    ("name", "whole"),
+    [(name, False) for name in QUICK]
+    + [pytest.param(name, True, marks=pytest.mark.slow) for name in CASES],
 )
 def test_a_number_of_a_case_ends_in_a_result_or_one_line(name, whole, fault, tmp_path):
-    """Up to its cloud, or if no node moves to its model; the slow tests go up to the model of every cloud."""
+    """Up to its cloud, or if no node moves to its model.
+
+    The slow tests go up to the model of every cloud.
+    """
     faults = []
-    for path, number in itertools.product([path for case, path in ENTRIES if case == name], NUMBERS):
+    for path, number in itertools.product(
+        [path for case, path in ENTRIES if case == name], NUMBERS
+    ):
         own = functools.reduce(lambda part, key: part[key], path, CASES[name])
-        given = int(number) if isinstance(own, int) and math.isfinite(number) and number == int(number) else number
+        given = (
+            int(number)
+            if isinstance(own, int) and math.isfinite(number) and number == int(number)
+            else number
+        )
         (tmp_path / "case.toml").write_text(toml(changed(CASES[name], path, given)))
         text, *_ = fault(
             ["run", "case.toml", "--no-plots", "--quiet"],

@@ -84,14 +84,23 @@ def test_the_client_gets_the_values_of_the_sweep(tiny):
 
 def check_derivatives(client, point, vec):
     """Gradients and the product of the Jacobian with ``vec`` agree with central differences."""
-    h = 1e-5  # mm, kT: the error of a difference, h^2, and its round-off, 1e-12 / h, are below the tolerance
-    values = [[client([(np.array(point) + side * h * e).tolist()])[0] for side in (1, -1)] for e in np.eye(len(point))]
+    # mm, kT: the error of a difference, h^2, and its round-off, 1e-12 / h, are below the tolerance
+    h = 1e-5
+    values = [
+        [client([(np.array(point) + side * h * e).tolist()])[0] for side in (1, -1)]
+        for e in np.eye(len(point))
+    ]
     differences = np.array([(np.array(ahead) - behind) / (2 * h) for ahead, behind in values]).T
     for row, sens in zip(differences, np.eye(2).tolist(), strict=True):
-        np.testing.assert_allclose(client.gradient(0, 0, [point], sens), row, rtol=1e-6, atol=1e-6 * np.abs(row).max())
-    np.testing.assert_allclose(client.apply_jacobian(0, 0, [point], vec), differences @ vec, rtol=1e-6)
+        np.testing.assert_allclose(
+            client.gradient(0, 0, [point], sens), row, rtol=1e-6, atol=1e-6 * np.abs(row).max()
+        )
+    np.testing.assert_allclose(
+        client.apply_jacobian(0, 0, [point], vec), differences @ vec, rtol=1e-6
+    )
 
 
+@pytest.mark.slow
 def test_gradient_and_jacobian_agree_with_differences(tiny):
     check_derivatives(tiny[1], POINT, [2.0, 1.0])
 
@@ -104,7 +113,10 @@ def test_gradient_and_jacobian_by_holes_agree_with_differences(tmp_path):
 
 def test_the_client_gets_errors_in_one_line_and_then_values_again(tiny):
     _, client = tiny
-    with pytest.raises(Exception, match=r"InvalidInput: chi: 0\.4 is not a number between lower = 0 and upper = 0\.3$"):
+    with pytest.raises(
+        Exception,
+        match=r"InvalidInput: chi: 0\.4 is not a number between lower = 0 and upper = 0\.3$",
+    ):
         client([[0.4, POINT[1]]])
     with pytest.raises(Exception, match=r"input\[0\]: .* is not a list of 2 finite numbers"):
         client([POINT[:1]])
@@ -136,9 +148,18 @@ def test_unusable_arguments_are_refused(tmp_path, capsys):
     (tmp_path / "tiny.toml").write_text(STUDY)
     (tmp_path / "bare.toml").write_text(TINY)
     for arguments, message in [
-        (["tiny.toml", "--quantities", "rotaton"], "quantities: 'rotaton' is unknown; did you mean 'rotation'?"),
-        (["tiny.toml", "--port", "0"], "port: 0 is not accepted, it must be at least 1 and at most 65535"),
-        (["tiny.toml", "--prot", "1"], r"'--prot' is not an option of serve; did you mean '--port'?"),
+        (
+            ["tiny.toml", "--quantities", "rotaton"],
+            "quantities: 'rotaton' is unknown; did you mean 'rotation'?",
+        ),
+        (
+            ["tiny.toml", "--port", "0"],
+            "port: 0 is not accepted, it must be at least 1 and at most 65535",
+        ),
+        (
+            ["tiny.toml", "--prot", "1"],
+            r"'--prot' is not an option of serve; did you mean '--port'?",
+        ),
         (["bare.toml"], "study: parameters is missing"),
         (["none.toml"], "study: cannot read"),
     ]:

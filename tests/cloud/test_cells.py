@@ -1,4 +1,4 @@
-"""Facts about the cells of clouds: with elliptic and square holes, with holes cut by the plate's edge, and without holes."""
+"""Cells of clouds: elliptic and square holes, holes cut by the plate's edge, no holes."""
 
 import numpy as np
 import pytest
@@ -32,14 +32,19 @@ def test_triangles_fill_the_gel_up_to_the_fine_outlines(name, cloud_of):
     areas = signed_areas(found.partition)
     assert areas.min() > 0
     plate = found.plate
-    if name == "lattice":  # seen from a hole's centre, on the wall, every fine segment is the base of a triangle
+    # seen from a hole's centre, on the wall, every fine segment is the base of a triangle
+    if name == "lattice":
         radius = 0.9
-        turns = [np.diff(np.append(o.s, 1.0) if o.closed else o.s) * (o.arc.end - o.arc.start) for o in found.outlines]
+        turns = [
+            np.diff(np.append(o.s, 1.0) if o.closed else o.s) * (o.arc.end - o.arc.start)
+            for o in found.outlines
+        ]
         holes = sum(radius**2 / 2 * np.sin(2 * np.pi * turn).sum() for turn in turns)
     else:
         holes = sum(shoelace(found.partition.vertices[o.vertices]) for o in found.outlines)
     gel = plate.width * plate.height - holes
-    assert areas.sum() == pytest.approx(gel, rel=1e-4)  # cut points lie on the outline's parabolas, up to 3e-4 mm off its chords
+    # cut points lie on the outline's parabolas, up to 3e-4 mm off its chords
+    assert areas.sum() == pytest.approx(gel, rel=1e-4)
 
 
 @each_case
@@ -53,7 +58,9 @@ def test_contours_of_cells_close_and_bound_their_area(name, cloud_of):
         own = edges[owner == cell]
         np.testing.assert_array_equal(np.sort(own[:, 0]), np.sort(own[:, 1]))
     by_contour = np.bincount(owner, 0.5 * (start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]))
-    np.testing.assert_allclose(by_contour, np.bincount(part.cell_of_triangle, signed_areas(part)), rtol=1e-11)
+    np.testing.assert_allclose(
+        by_contour, np.bincount(part.cell_of_triangle, signed_areas(part)), rtol=1e-11
+    )
 
 
 @each_case
@@ -70,12 +77,16 @@ def test_inner_edges_appear_twice_and_the_others_lie_on_walls_or_outlines(name, 
     for axis, coordinate in edge_lines(plate).values():
         on_wall |= np.abs(middle[:, axis] - coordinate) < 1e-9
     lines = shapely.MultiLineString(
-        [part.vertices[np.append(o.vertices, o.vertices[0]) if o.closed else o.vertices] for o in found.outlines]
+        [
+            part.vertices[np.append(o.vertices, o.vertices[0]) if o.closed else o.vertices]
+            for o in found.outlines
+        ]
     )
     off = shapely.distance(shapely.points(middle[~on_wall]), lines)
     assert np.max(off, initial=0.0) < 1e-3  # chords between cut points, which lie on parabolas
     length = np.linalg.norm(np.diff(part.vertices[boundary], axis=1)[:, 0], axis=1)
-    assert length[~on_wall].sum() == pytest.approx(lines.length, rel=2e-5)  # 8e-6 longer by way of the cut points
+    # 8e-6 longer by way of the cut points
+    assert length[~on_wall].sum() == pytest.approx(lines.length, rel=2e-5)
 
 
 @each_case
@@ -94,13 +105,18 @@ def test_cut_points_lie_on_the_curves_of_the_outlines(name, cloud_of):
     assert np.all((part.cut_fractions > 0) & (part.cut_fractions < 1))
     numbers, weights = curves.points(part.cut_segments, part.cut_fractions)
     cuts = part.vertices[-len(part.cut_fractions) :]
-    np.testing.assert_allclose(np.einsum("pk,pki->pi", weights, part.vertices[numbers]), cuts, atol=1e-12)
+    np.testing.assert_allclose(
+        np.einsum("pk,pki->pi", weights, part.vertices[numbers]), cuts, atol=1e-12
+    )
     ends, f = part.vertices[curves.ends[part.cut_segments]], part.cut_fractions[:, None]
     on_chord = (1 - f) * ends[:, 0] + f * ends[:, 1]
     background = found.background  # every cut is one of a chord with a side of a square
-    sides = shapely.union_all([shapely.linearrings(background.vertices[loop]) for loop in background.loops])
+    sides = shapely.union_all(
+        [shapely.linearrings(background.vertices[loop]) for loop in background.loops]
+    )
     np.testing.assert_allclose(shapely.distance(shapely.points(on_chord), sides), 0.0, atol=1e-9)
-    sagitta = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) ** 2 / 8 / 0.5  # no outline here is bent more than with a radius of 0.5 mm
+    # no outline here is bent more than with a radius of 0.5 mm
+    sagitta = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) ** 2 / 8 / 0.5
     assert np.all(np.linalg.norm(cuts - on_chord, axis=1) < sagitta)
 
 
@@ -118,22 +134,31 @@ STRIP = {"left": "periodic", "right": "periodic", "bottom": "fixed", "top": "fre
 
 
 @pytest.mark.parametrize(
-    ("width", "spacing", "upper"), [(0.4, 0.1, 0.3), (1.0, 0.1, 0.2), (0.4, 0.05, 0.3), (0.1, 0.0125, 0.2), (0.4, 0.05, 0.22)]
+    ("width", "spacing", "upper"),
+    [(0.4, 0.1, 0.3), (1.0, 0.1, 0.2), (0.4, 0.05, 0.3), (0.1, 0.0125, 0.2), (0.4, 0.05, 0.22)],
 )
-def test_cells_of_layers_fit_together_also_along_a_grid_line_met_but_for_round_off(width, spacing, upper):
-    plate = Plate(width, 1.0, edges=STRIP, regions=[Rectangle((0, 0.5), (4, 2 * upper))], spacing=spacing)
+def test_cells_of_layers_fit_together_also_along_a_grid_line_met_but_for_round_off(
+    width, spacing, upper
+):
+    plate = Plate(
+        width, 1.0, edges=STRIP, regions=[Rectangle((0, 0.5), (4, 2 * upper))], spacing=spacing
+    )
     cloud = make_cloud(plate)
     part, on = cloud.topology.partition, cloud.topology.edge_nodes
     forward, backward = keys(part.contour_edges[0])
     lone = part.vertices[part.contour_edges[0][~np.isin(forward, backward)]].mean(axis=1)
     at_edge = np.isclose(np.abs(lone), [width / 2, 0.5], atol=1e-9).any(axis=1)
     assert at_edge.all()
-    np.testing.assert_allclose(np.asarray(cloud.nodes)[on["left"], 1], np.asarray(cloud.nodes)[on["right"], 1], atol=1e-12)
+    np.testing.assert_allclose(
+        np.asarray(cloud.nodes)[on["left"], 1], np.asarray(cloud.nodes)[on["right"], 1], atol=1e-12
+    )
 
 
 def test_a_hole_inside_one_background_square_is_cut_out_of_it(monkeypatch):
     monkeypatch.setattr("jaxgel.cloud.outlines.CROWDED", np.inf)  # so that the square is not halved
-    part = make_cloud(Plate(4, 4, [Circle((0.5, 0.5), 0.3)]), spacing=1.0, nodes_per_hole=8).topology.partition
+    part = make_cloud(
+        Plate(4, 4, [Circle((0.5, 0.5), 0.3)]), spacing=1.0, nodes_per_hole=8
+    ).topology.partition
     assert part.n_cells == 16
     polygon = 64 / 2 * np.sin(2 * np.pi / 64) * 0.3**2
     assert signed_areas(part).sum() == pytest.approx(16 - polygon, rel=1e-12)
@@ -142,13 +167,16 @@ def test_a_hole_inside_one_background_square_is_cut_out_of_it(monkeypatch):
 def test_a_clipped_corner_off_every_outline_is_reported():
     background = make_background(Plate(1, 1), 1.0)
     outline = np.array([[0.0, -0.5], [0.0, 0.5]])
-    gel = shapely.Polygon([(-0.5, -0.5), (0.3, -0.5), (0.0, 0.5), (-0.5, 0.5)])  # not along the outline
-    with pytest.raises(RuntimeError, match=r"a clipped vertex lies 3\.0e-01 off every hole outline"):
+    # not along the outline
+    gel = shapely.Polygon([(-0.5, -0.5), (0.3, -0.5), (0.0, 0.5), (-0.5, 0.5)])
+    with pytest.raises(
+        RuntimeError, match=r"a clipped vertex lies 3\.0e-01 off every hole outline"
+    ):
         partition(background, outline, np.array([[4, 5]]), [gel])
 
 
 def test_a_piece_that_is_cut_in_two_leaves_its_images_whole():
-    """As round-off may do next to an outline: neither half is an image of the others, whose triangles are alike."""
+    """As by round-off next to an outline: neither half is an image, triangles are alike."""
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     right = np.array([[1.0, -1.0], [2.0, -1.5], [2.0, 0.0], [2.0, 1.5], [1.0, 1.0], [1.0, 0.0]])
     vertices = np.concatenate([right @ np.linalg.matrix_power(turn, k).T for k in range(4)])
@@ -156,6 +184,10 @@ def test_a_piece_that_is_cut_in_two_leaves_its_images_whole():
     whole = [np.arange(6) + 6 * k for k in range(4)]
     loops = [[whole[0]], [whole[1][[0, 1, 2, 5]]], [whole[1][[2, 3, 4, 5]]], [whole[2]], [whole[3]]]
     found, piece, _ = triangles.triangulate(vertices, loops, images)
-    np.testing.assert_allclose(np.bincount(piece, triangles.signed_areas(vertices, found)), [2.5, 1.25, 1.25, 2.5, 2.5])
-    alike = [{frozenset(corners) for corners in (found[piece == k] % 6).tolist()} for k in (0, 3, 4)]
+    np.testing.assert_allclose(
+        np.bincount(piece, triangles.signed_areas(vertices, found)), [2.5, 1.25, 1.25, 2.5, 2.5]
+    )
+    alike = [
+        {frozenset(corners) for corners in (found[piece == k] % 6).tolist()} for k in (0, 3, 4)
+    ]
     assert alike[0] == alike[1] == alike[2]

@@ -37,7 +37,13 @@ def moved(plate, amount):
     theta = []
     for k, hole in enumerate(plate.theta):
         way = amount * np.array([[1, 0.5], [-0.5, 1], [0.3, -1], [-1, -0.2]])[k]
-        theta.append({"centre": hole["centre"] + way, "semi_axes": hole["semi_axes"] - way[::-1], "angle": hole["angle"] + way[0] / 4})
+        theta.append(
+            {
+                "centre": hole["centre"] + way,
+                "semi_axes": hole["semi_axes"] - way[::-1],
+                "angle": hole["angle"] + way[0] / 4,
+            }
+        )
     return plate.at(tuple(theta))
 
 
@@ -53,7 +59,9 @@ def test_sample_has_the_papers_number_of_nodes(name):
 def test_nodes_are_distinct_inside_the_plate_and_on_or_off_the_outlines(name, cloud_of):
     cloud = cloud_of(name)
     nodes, plate = np.asarray(cloud.nodes), cloud.plate
-    apart = shapely.STRtree(shapely.points(nodes)).query_nearest(shapely.points(nodes), exclusive=True, return_distance=True)[1]
+    apart = shapely.STRtree(shapely.points(nodes)).query_nearest(
+        shapely.points(nodes), exclusive=True, return_distance=True
+    )[1]
     assert apart.min() > 1e-3 * cloud.spacing
     assert np.all(np.abs(nodes) <= np.array([plate.width, plate.height]) / 2 + 1e-12)
     n_outline = sum(len(o.s[::OUTLINE_SEGMENTS]) for o in cloud.topology.outlines)
@@ -69,19 +77,27 @@ def test_cloud_of_a_four_fold_plate_is_four_fold(name, cloud_of):
     nodes = np.asarray(cloud_of(name).nodes)
     turned = nodes @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     distance = np.linalg.norm(nodes[:, None] - turned[None], axis=2).min(axis=1)
-    np.testing.assert_allclose(distance, 0.0, atol=1e-9)  # of equal arc lengths, found to 1e-10 of the outline
+    # of equal arc lengths, found to 1e-10 of the outline
+    np.testing.assert_allclose(distance, 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["sample-1", "sample-7", "lattice", "square"])
 def test_placement_on_the_reference_is_the_identity(name, cloud_of):
     cloud = cloud_of(name)
     placed = place(cloud.topology, cloud.topology.plate)
-    np.testing.assert_allclose(placed, cloud.topology.partition.vertices, atol=1e-12 * cloud.spacing)
+    np.testing.assert_allclose(
+        placed, cloud.topology.partition.vertices, atol=1e-12 * cloud.spacing
+    )
 
 
 def test_new_spacing_scales_the_nodes_on_holes_with_it(cloud_of):
     plate = sample("sample-1")
-    assert [len(o.s) // OUTLINE_SEGMENTS for o in cloud_of("sample-1").topology.outlines] == [20, 20, 20, 20]
+    assert [len(o.s) // OUTLINE_SEGMENTS for o in cloud_of("sample-1").topology.outlines] == [
+        20,
+        20,
+        20,
+        20,
+    ]
     asked = make_cloud(plate, spacing=1.1, nodes_per_hole=32)
     assert [len(o.s) // OUTLINE_SEGMENTS for o in asked.topology.outlines] == [32, 32, 32, 32]
 
@@ -104,9 +120,11 @@ def test_moved_ellipses_leave_the_gel_the_area_they_should(cloud_of):
     assert np.bincount(cloud.cell_of_triangle, areas).min() > 0.25 * cloud.spacing**2
     outline = [np.asarray(placed.vertices)[o.vertices] for o in cloud.topology.outlines]
     polygons = sum(shapely.Polygon(loop).area for loop in outline)
-    assert areas.sum() == pytest.approx(22.0**2 - polygons, rel=1e-4)  # cut points lie on parabolas, not on the polygons
+    # cut points lie on parabolas, not on the polygons
+    assert areas.sum() == pytest.approx(22.0**2 - polygons, rel=1e-4)
     holes = sum(float(hole.area()) for hole in plate.holes)
-    # polygons of 160 equal chords miss 2 pi^2 / (3 n^2) = 2.6e-4 of a circle's area, of a moved ellipse little more
+    # polygons of 160 equal chords miss 2 pi^2 / (3 n^2) = 2.6e-4 of a circle's area, of a moved
+    # ellipse little more
     assert areas.sum() == pytest.approx(22.0**2 - holes, abs=4e-4 * holes)
     assert areas.sum() > 22.0**2 - holes
 
@@ -126,12 +144,15 @@ def test_outline_vertices_follow_their_hole_and_the_plate_keeps_its_shape(cloud_
 
 def test_linear_morph_takes_a_common_shift_of_all_holes_smoothly_to_the_walls(cloud_of):
     cloud = cloud_of("sample-1")
-    plate = cloud.plate.at(tuple({"centre": hole["centre"] + np.array([0.2, 0.0])} for hole in cloud.plate.theta))
+    plate = cloud.plate.at(
+        tuple({"centre": hole["centre"] + np.array([0.2, 0.0])} for hole in cloud.plate.theta)
+    )
     shift = np.asarray(cloud.at(plate).nodes) - np.asarray(cloud.nodes)
     assert shift[:, 0].min() > -0.02
     assert shift[:, 0].max() < 0.25
     nearest = np.linalg.norm(np.asarray(cloud.nodes), axis=1).argmin()
-    np.testing.assert_allclose(shift[nearest], [0.2, 0.0], atol=0.03)  # the core moves with the holes around it
+    # the core moves with the holes around it
+    np.testing.assert_allclose(shift[nearest], [0.2, 0.0], atol=0.03)
 
 
 def test_derivative_of_the_placement_matches_central_differences(cloud_of):
@@ -157,7 +178,8 @@ def test_placement_moves_every_parameter_of_every_hole(cloud_of):
     gradient = jax.grad(gel_area)(cloud.plate.theta)
     for hole, slope in zip(cloud.plate.holes, gradient, strict=True):
         a, b = hole.semi_axes
-        np.testing.assert_allclose(slope["semi_axes"], [-np.pi * b, -np.pi * a], rtol=1e-3)  # of polygons, 3e-4
+        # of polygons, 3e-4
+        np.testing.assert_allclose(slope["semi_axes"], [-np.pi * b, -np.pi * a], rtol=1e-3)
         np.testing.assert_allclose(slope["centre"], 0.0, atol=1e-10)
         np.testing.assert_allclose(slope["angle"], 0.0, atol=1e-10)
 
@@ -171,17 +193,24 @@ def test_ends_of_cut_holes_stay_on_their_walls_as_the_radius_changes(radius, clo
     ends = 0
     for outline in cloud.topology.outlines:
         arc = outline.arc
-        for edge, vertex in ((arc.start_edge, outline.vertices[0]), (arc.end_edge, outline.vertices[-1])):
+        for edge, vertex in (
+            (arc.start_edge, outline.vertices[0]),
+            (arc.end_edge, outline.vertices[-1]),
+        ):
             if edge is not None:
                 axis, coordinate = lines[edge]
                 assert vertices[vertex, axis] == pytest.approx(coordinate, abs=1e-12)
-                assert np.linalg.norm(vertices[vertex] - plate.holes[arc.hole].centre) == pytest.approx(radius, abs=1e-12)
+                assert np.linalg.norm(
+                    vertices[vertex] - plate.holes[arc.hole].centre
+                ) == pytest.approx(radius, abs=1e-12)
                 ends += 1
     assert ends == 2 * (12 + 4)
     areas = triangle_areas(placed)
     assert areas.min() > 0
     # 8 x 8 less sixteen whole circles; polygons of 160 chords miss 2.6e-4
-    assert areas.sum() == pytest.approx(64 - 16 * np.pi * radius**2, abs=4e-4 * 16 * np.pi * radius**2)
+    assert areas.sum() == pytest.approx(
+        64 - 16 * np.pi * radius**2, abs=4e-4 * 16 * np.pi * radius**2
+    )
 
 
 def test_cloud_of_a_moved_plate_has_the_topology_of_its_reference(cloud_of):
@@ -196,26 +225,45 @@ def test_cloud_of_a_moved_plate_has_the_topology_of_its_reference(cloud_of):
 def test_cloud_can_be_made_inside_jit_from_a_concrete_reference(cloud_of):
     reference = cloud_of("sample-1").plate
     nodes = jax.jit(lambda amount: make_cloud(moved(reference, amount), spacing=1.1).nodes)(0.2)
-    np.testing.assert_allclose(nodes, cloud_of("sample-1").at(moved(reference, 0.2)).nodes, atol=1e-13)
+    np.testing.assert_allclose(
+        nodes, cloud_of("sample-1").at(moved(reference, 0.2)).nodes, atol=1e-13
+    )
 
 
 @pytest.mark.parametrize("spacing", [0.0, -1.0, np.nan, np.inf, 12.0])
 def test_unusable_spacing_is_refused(spacing):
-    with pytest.raises(ValueError, match=r"^spacing: \S+ is not in \(0, 11\], half the plate's shorter side$"):
+    with pytest.raises(
+        ValueError, match=r"^spacing: \S+ is not in \(0, 11\], half the plate's shorter side$"
+    ):
         make_cloud(sample("sample-1"), spacing=spacing)
 
 
 def test_place_without_shape_functions_in_a_narrow_ligament_names_it():
-    topology = make_cloud(Plate(4, 8, [Circle((0, 0), 1.92)], spacing=0.5, nodes_per_hole=16)).topology
+    topology = make_cloud(
+        Plate(4, 8, [Circle((0, 0), 1.92)], spacing=0.5, nodes_per_hole=16)
+    ).topology
     refuse_ligament(topology, 0.5, np.array([0.0, 3.0]), 0.3)  # far away from it
-    with pytest.raises(ValueError, match=r"^holes: a ligament of 0\.08 mm between holes\[0\] and the left edge is too narrow"):
+    with pytest.raises(
+        ValueError,
+        match=r"^holes: a ligament of 0\.08 mm between holes\[0\] and the left edge is too narrow",
+    ):
         refuse_ligament(topology, 0.5, np.array([-1.9, 0.1]), 0.3)
 
 
 def test_ligament_without_a_node_is_refused_with_its_holes(monkeypatch):
     monkeypatch.setattr("jaxgel.cloud.outlines.CROWDED", np.inf)  # so that no square is halved
-    plate = Plate(8, 8, [Circle((-2.0, 0.4), 1.9), Circle((2.0, 0.4), 1.9), Rectangle((0.0, -3.0), (1.0, 1.0))])
-    with pytest.raises(ValueError, match=r"^spacing: 1.6 mm leaves no node in the 0.2 mm ligament between holes\[0\] and holes\[1\]; use"):
+    plate = Plate(
+        8,
+        8,
+        [Circle((-2.0, 0.4), 1.9), Circle((2.0, 0.4), 1.9), Rectangle((0.0, -3.0), (1.0, 1.0))],
+    )
+    with pytest.raises(
+        ValueError,
+        match=(
+            r"^spacing: 1.6 mm leaves no node in the 0.2 mm ligament between holes\[0\] and "
+            r"holes\[1\]; use"
+        ),
+    ):
         make_cloud(plate, spacing=1.6)
     assert make_cloud(plate, spacing=0.19).nodes.shape[1] == 2
 
@@ -229,7 +277,10 @@ def test_unsound_plates_are_refused(refused):
     refused(
         lambda holes: make_cloud(Plate(10, 10, holes)),
         [
-            ([Circle((0, 0), 2), Circle((2.9, 0), 2)], r"holes\[0\], holes\[1\]: they overlap or touch"),
+            (
+                [Circle((0, 0), 2), Circle((2.9, 0), 2)],
+                r"holes\[0\], holes\[1\]: they overlap or touch",
+            ),
             ([Circle((9, 0), 2)], r"holes\[0\]: it lies outside the plate"),
             ([Ellipse((0, 0), (1.0, -2.0))], r"holes\[0\]"),
         ],

@@ -1,4 +1,4 @@
-"""Clouds of periodic cells: the nodes of opposite edges face each other, and no periodic edge is a wall."""
+"""Clouds of periodic cells: nodes of opposite edges match, no periodic edge is a wall."""
 
 import jax
 import jax.numpy as jnp
@@ -13,37 +13,50 @@ STRIP = {"left": "periodic", "right": "periodic", "bottom": "fixed", "top": "fre
 
 
 def facing(topology):
-    """Largest difference, mm, between the coordinates along a periodic edge of nodes that face each other, and between their spacings."""
-    nodes, spacing, apart = topology.partition.vertices[topology.node_vertices], topology.node_spacing, [0.0]
+    """Largest mismatch, mm, of coordinates along a periodic edge, and of spacings."""
+    nodes, spacing, apart = (
+        topology.partition.vertices[topology.node_vertices],
+        topology.node_spacing,
+        [0.0],
+    )
     for edge, opposite, along in (("left", "right", 1), ("bottom", "top", 0)):
         if topology.plate.edges[edge] == "periodic":
             one, other = topology.edge_nodes[edge], topology.edge_nodes[opposite]
             assert len(one) == len(other)
-            apart += [np.abs(nodes[one, along] - nodes[other, along]).max(), np.abs(spacing[one] - spacing[other]).max()]
+            apart += [
+                np.abs(nodes[one, along] - nodes[other, along]).max(),
+                np.abs(spacing[one] - spacing[other]).max(),
+            ]
     return max(apart)
 
 
 @pytest.mark.parametrize(
     ("edges", "across", "holes"),
     [
-        ("periodic", None, [((0.2, -0.1), 0.55, 20), ((-0.8, 0.75), 0.15, 20)]),  # squares are halved next to one edge
+        # squares are halved next to one edge
+        ("periodic", None, [((0.2, -0.1), 0.55, 20), ((-0.8, 0.75), 0.15, 20)]),
         ("periodic", 5, [((0.2, -0.1), 0.55, 20), ((-0.8, 0.75), 0.15, 20)]),
         ("periodic", 4, [((0.9, 1.0), 0.8, 16)]),
         (STRIP, None, [((0.9, 1.0), 0.5, 20), ((0.0, -0.3), 0.2, 20)]),
     ],
 )
 def test_nodes_of_periodic_edges_face_each_other(edges, across, holes):
-    plate = jaxgel.Plate(2, 2, [jaxgel.Circle(centre, radius) for centre, radius, _ in holes], edges=edges)
-    topology = jaxgel.make_cloud(plate, spacing=0.2, nodes_per_hole=holes[0][2], across=across).topology
+    plate = jaxgel.Plate(
+        2, 2, [jaxgel.Circle(centre, radius) for centre, radius, _ in holes], edges=edges
+    )
+    topology = jaxgel.make_cloud(
+        plate, spacing=0.2, nodes_per_hole=holes[0][2], across=across
+    ).topology
     assert facing(topology) < 1e-12
     assert len(np.unique(periodic_images(topology))) < len(topology.node_vertices)
     area = np.asarray(topology.quadrature.weights(topology.partition.vertices)).sum()
     if edges == "periodic":
-        assert area == pytest.approx(4 - np.pi * sum(radius**2 for _, radius, _ in holes), rel=1e-3)  # polygons of 128 sides and more
+        # polygons of 128 sides and more
+        assert area == pytest.approx(4 - np.pi * sum(radius**2 for _, radius, _ in holes), rel=1e-3)
 
 
 def test_squares_are_halved_next_to_the_image_of_a_strip():
-    """A strip across the right edge is one across the left edge too, and neighbours across an edge differ by one halving at most."""
+    """A strip across the right edge is one across the left; neighbours differ by one halving."""
     import shapely
 
     plate = jaxgel.Plate(4, 4, edges="periodic")
@@ -54,7 +67,9 @@ def test_squares_are_halved_next_to_the_image_of_a_strip():
     assert depth[0].max() == depth[1].max() == 4
     assert np.abs(depth[0] - depth[1]).max() <= 1
     near, far = background.vertices[background.facing].transpose(1, 0, 2)
-    np.testing.assert_array_equal(np.sort(np.abs(far - near), axis=1), np.tile([0.0, 4.0], (len(near), 1)))
+    np.testing.assert_array_equal(
+        np.sort(np.abs(far - near), axis=1), np.tile([0.0, 4.0], (len(near), 1))
+    )
     on_edges = (np.abs(background.vertices) == 2).sum()
     assert 2 * len(near) == on_edges  # every vertex on an edge has its image, a corner two
 
@@ -68,7 +83,9 @@ def test_ligaments_across_a_periodic_edge_are_those_to_the_image():
 def test_a_ligament_to_an_image_without_a_node_is_refused():
     plate = jaxgel.Plate(2, 2, [jaxgel.Ellipse((0.4, 0.9), (0.96, 0.3), 0.0)], edges="periodic")
     jaxgel.make_cloud(plate, spacing=0.25, nodes_per_hole=20)  # nodes on the edges lie in it
-    assert facing(jaxgel.make_cloud(plate, spacing=0.25, nodes_per_hole=20, across=4).topology) < 1e-12
+    assert (
+        facing(jaxgel.make_cloud(plate, spacing=0.25, nodes_per_hole=20, across=4).topology) < 1e-12
+    )
 
 
 def test_the_nodes_of_a_hole_across_an_edge_follow_its_parameters():
@@ -82,5 +99,7 @@ def test_the_nodes_of_a_hole_across_an_edge_follow_its_parameters():
 
     at = jnp.array([0.95, 0.3])
     np.testing.assert_allclose(vertices(at), cloud.vertices[outline], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(jax.jacfwd(vertices)(at), np.tile(np.eye(2), (len(outline), 1, 1)), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        jax.jacfwd(vertices)(at), np.tile(np.eye(2), (len(outline), 1, 1)), rtol=0, atol=1e-14
+    )
     assert cloud.at(plate).plate is plate

@@ -1,4 +1,4 @@
-"""Facts about sweeps that find symmetric states on a part of the plate: the same paths, with and without."""
+"""Sweeps with symmetric states on a part of the plate: the same paths as without."""
 
 import dataclasses
 
@@ -20,7 +20,13 @@ MU = np.linspace(-4.5, -1.2, 9)
 
 def both(model, values, gel=GEL, loads=None, **keywords):
     return [
-        jaxgel.sweep(jaxgel.Problem(model, gel, loads=loads), values, symmetry=symmetry, eigenvalues=True, **keywords)
+        jaxgel.sweep(
+            jaxgel.Problem(model, gel, loads=loads),
+            values,
+            symmetry=symmetry,
+            eigenvalues=True,
+            **keywords,
+        )
         for symmetry in ("off", "auto")
     ]
 
@@ -31,7 +37,8 @@ def assert_same(off, auto, tolerance=1e-10):
     np.testing.assert_allclose(auto.energy, off.energy, rtol=1e-12)
     np.testing.assert_array_equal(auto.negative_pivots, off.negative_pivots)
     np.testing.assert_array_equal(auto.switched, off.switched)
-    few = off.negative_pivots < 2  # of many unstable modes the whole plate may have followed others than the lowest
+    # of many unstable modes the whole plate may have followed others than the lowest
+    few = off.negative_pivots < 2
     near = 8e-3 * np.abs(off.lowest_eigenvalue)  # what a sweep's eigenvalues are good to
     np.testing.assert_array_less(auto.lowest_eigenvalue, off.lowest_eigenvalue + near)
     np.testing.assert_array_less((off.lowest_eigenvalue - near)[few], auto.lowest_eigenvalue[few])
@@ -49,11 +56,14 @@ def buckling(buckling_model):
     return buckling_model
 
 
+@pytest.mark.slow
 def test_path_with_rotations(turned):
     off, auto = both(turned, MU)
     assert_same(off, auto)
     assert set(auto.symmetry) == {"C4"} and set(off.symmetry) == {"C1"}
-    np.testing.assert_allclose(auto.pressure, off.pressure, rtol=1e-6, atol=1e-7 * np.abs(off.pressure).max())
+    np.testing.assert_allclose(
+        auto.pressure, off.pressure, rtol=1e-6, atol=1e-7 * np.abs(off.pressure).max()
+    )
 
 
 @pytest.mark.slow
@@ -66,7 +76,10 @@ def test_eigenvalues_to_the_last_digits(turned):
 @pytest.mark.slow
 @pytest.mark.parametrize("branch", ["symmetric", "stable"])
 def test_path_through_a_bifurcation(buckling, branch):
-    """On the symmetric branch all mirrors stay, and what lies below 0 is counted block by block; the stable one keeps the rotations."""
+    """On the symmetric branch all mirrors stay, and what lies below 0 is counted block by block.
+
+    The stable one keeps the rotations.
+    """
     off, auto = both(buckling, MU, branch=branch)
     assert_same(off, auto, 1e-9)
     if branch == "symmetric":
@@ -86,12 +99,21 @@ def test_load_without_symmetry(buckling):
 
 @pytest.mark.slow
 def test_contact():
-    """Sample 7, whose corners close: on an eighth of the plate the contact of all holes acts through the symmetric unknowns."""
+    """Sample 7 on an eighth of the plate, with contact by symmetric unknowns.
+
+    Its corners close; the contact of all holes acts.
+    """
     plate, steps = jaxgel.sample("sample-7"), []
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
-    off, auto = both(model, [-2.0, -1.0, -0.7, -0.55], plate.gel, branch="symmetric", observer=jaxgel.Observer(accepted=steps.append))
+    off, auto = both(
+        model,
+        [-2.0, -1.0, -0.7, -0.55],
+        plate.gel,
+        branch="symmetric",
+        observer=jaxgel.Observer(accepted=steps.append),
+    )
     assert_same(off, auto, 1e-7)  # next to contact tangents are stiff, and round-off large
-    assert set(auto.symmetry) == {"D4"} and any(state.contact_active for state in steps)
+    assert set(auto.symmetry) == {"D4"} and any(state.touches for state in steps)
 
 
 @pytest.mark.slow
@@ -104,20 +126,38 @@ def test_adaptive_steps(turned):
 @pytest.mark.slow
 def test_path_that_goes_on_from_a_state(buckling):
     steps = []
-    whole = jaxgel.sweep(jaxgel.Problem(buckling, GEL), MU, observer=jaxgel.Observer(accepted=lambda state: steps.append(state.light)))
+    whole = jaxgel.sweep(
+        jaxgel.Problem(buckling, GEL),
+        MU,
+        observer=jaxgel.Observer(accepted=lambda state: steps.append(state.light)),
+    )
     again = jaxgel.sweep(jaxgel.Problem(buckling, GEL), MU[5:], start=steps[4])
     np.testing.assert_allclose(again.x, whole.x[5:], atol=1e-9)
     assert again.symmetry == whole.symmetry[5:]
 
 
+@pytest.mark.slow
 def test_factor_by_blocks_is_that_of_the_whole_tangent(turned):
     """For any right-hand side, and its inertia; a symmetric one excites one block alone."""
     found = []
     for symmetry in ("off", "auto"):
-        jaxgel.sweep(jaxgel.Problem(turned, GEL, contact=False), MU[:2], symmetry=symmetry, observer=jaxgel.Observer(accepted=found.append))
-    whole, blocks = with_own_factor(Problem(turned, GEL, contact=False).prepared, found[1]).factor, found[-1].factor
+        jaxgel.sweep(
+            jaxgel.Problem(turned, GEL, contact=False),
+            MU[:2],
+            symmetry=symmetry,
+            observer=jaxgel.Observer(accepted=found.append),
+        )
+    whole, blocks = (
+        with_own_factor(Problem(turned, GEL, contact=False).prepared, found[1]).factor,
+        found[-1].factor,
+    )
     rhs = np.random.default_rng(3).normal(size=len(whole.pattern.free))
-    np.testing.assert_allclose(blocks.accurate(rhs), whole.solve(rhs)[0], rtol=1e-8, atol=1e-9 * np.abs(whole.solve(rhs)[0]).max())
+    np.testing.assert_allclose(
+        blocks.accurate(rhs),
+        whole.solve(rhs)[0],
+        rtol=1e-8,
+        atol=1e-9 * np.abs(whole.solve(rhs)[0]).max(),
+    )
     assert blocks.negative_pivots == whole.negative_pivots
     assert blocks.size < whole.size
     symmetric = blocks.fields[0][0] @ np.ones(blocks.fields[0][0].shape[1])
@@ -129,10 +169,17 @@ def test_modes_of_a_block_that_none_was_followed_in_are_found(buckling):
     """From modes of the other blocks alone, the lowest of all is found in a few states."""
     problem = Problem(buckling, GEL, contact=False).prepared
     frame, states = Frames(problem, symmetry=True).of(symmetries_of(problem)), []
-    jaxgel.sweep(jaxgel.Problem(buckling, GEL, contact=False), MU[:1], observer=jaxgel.Observer(accepted=states.append))
+    jaxgel.sweep(
+        jaxgel.Problem(buckling, GEL, contact=False),
+        MU[:1],
+        observer=jaxgel.Observer(accepted=states.append),
+    )
     state = frame.part(states[0])
     expected, _ = frame.check(state, None)
-    symbols = [representation_of(characters(field_of(mode, state, problem), buckling)) for mode in expected.vectors.T]
+    symbols = [
+        representation_of(characters(field_of(mode, state, problem), buckling))
+        for mode in expected.vectors.T
+    ]
     others = expected.vectors[:, [symbol != symbols[0] for symbol in symbols]]
     assert others.shape[1] > 0
     found = None
@@ -146,25 +193,41 @@ def field_of(mode, state, problem):
     return np.asarray(scatter(mode, problem.free))[None]
 
 
-@pytest.mark.parametrize("symmetry", ["off", "auto"])
+@pytest.mark.parametrize("symmetry", [pytest.param("off", marks=pytest.mark.slow), "auto"])
 def test_edges_stay_in_their_places(symmetry):
-    """To the bit, in a sweep of many given values: extrapolation would let round-off of what all states share grow."""
+    """To the bit, in a sweep of many given values.
+
+    Extrapolation would let round-off of what all states share grow.
+    """
     hole = Circle((0, 0) if symmetry == "auto" else (0.3, 0.2), 1)
-    model = jaxgel.discretise(jaxgel.make_cloud(Plate(4, 4, [hole], spacing=0.5, nodes_per_hole=16)))
+    model = jaxgel.discretise(
+        jaxgel.make_cloud(Plate(4, 4, [hole], spacing=0.5, nodes_per_hole=16))
+    )
     path = jaxgel.sweep(jaxgel.Problem(model, GEL), np.linspace(-4.5, -2.5, 24), symmetry=symmetry)
     nodes = np.asarray(model.cloud.nodes)
     for edge, component in (("left", 0), ("right", 0), ("bottom", 1), ("top", 1)):
         on = model.cloud.topology.edge_nodes[edge]
-        np.testing.assert_array_equal(np.asarray(path.x)[:, on, component], np.broadcast_to(nodes[on, component], (24, len(on))))
+        np.testing.assert_array_equal(
+            np.asarray(path.x)[:, on, component],
+            np.broadcast_to(nodes[on, component], (24, len(on))),
+        )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "branch"),
-    [("sample-3", "stable"), ("sample-9", "stable"), ("lattice", "stable"), ("sample-4", "symmetric")],
+    [
+        ("sample-3", "stable"),
+        ("sample-9", "stable"),
+        ("lattice", "stable"),
+        ("sample-4", "symmetric"),
+    ],
 )
 def test_samples(name, branch):
-    """States to 1e-10 where they are stable; next to where an unstable one is nearly singular round-off grows more."""
+    """States to 1e-10 where they are stable.
+
+    Next to where an unstable one is nearly singular round-off grows more.
+    """
     plate = jaxgel.sample(name)
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
     off, auto = both(model, np.linspace(-4.9678, -1.2, 13), plate.gel, branch=branch)

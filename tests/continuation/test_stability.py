@@ -1,4 +1,4 @@
-"""The lowest eigenvalue and the number of negative ones are those of the accepted states, told by dense eigenvalues."""
+"""Lowest eigenvalue and negative count of accepted states against dense eigenvalues."""
 
 import dataclasses
 import itertools
@@ -20,14 +20,16 @@ MU = np.linspace(-4.9678, -0.9178, 10)
 
 
 def dense_eigenvalues(path):
-    """All eigenvalues (k, f) of the dense Hessian of the total energy over the network's stiffness, at every state."""
+    """All eigenvalues (k, f) of the dense Hessian over the network's stiffness, at all states."""
     problem = Problem(path.model, path.gel, contact=False).prepared
     free, stiffness = problem.pattern.free, StabilityAnalysis(problem).stiffness.toarray()
 
     @jax.jit
     def hessian(x, mu):
         def energy(v):
-            return total_energy(x.ravel().at[free].set(v).reshape(-1, 2), path.model, problem.gel, mu, problem.loads)
+            return total_energy(
+                x.ravel().at[free].set(v).reshape(-1, 2), path.model, problem.gel, mu, problem.loads
+            )
 
         return jax.jacfwd(jax.grad(energy))(x.ravel()[free])
 
@@ -37,20 +39,35 @@ def dense_eigenvalues(path):
 
 @pytest.fixture(scope="module")
 def tiny_path(tiny_model):
-    return jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), MU, eigenvalues=True)
+    return jaxgel.sweep(
+        jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), MU, eigenvalues=True
+    )
 
 
 def test_lowest_eigenvalues_along_a_sweep_are_those_of_the_hessian(tiny_path):
-    """To the accuracy that the analysis asks for, 1e-3; a factor of two for the estimate of the last gain."""
-    np.testing.assert_allclose(tiny_path.lowest_eigenvalue, dense_eigenvalues(tiny_path)[:, 0], rtol=2e-3)
+    """To the analysis's accuracy, 1e-3; a factor of two for the estimate of the last gain."""
+    np.testing.assert_allclose(
+        tiny_path.lowest_eigenvalue, dense_eigenvalues(tiny_path)[:, 0], rtol=2e-3
+    )
 
 
+@pytest.mark.slow
 def test_large_steps_leave_the_lowest_eigenvalue_as_accurate(coarse_model):
     """There the modes at hand are those of a state far away."""
-    path = jaxgel.sweep(jaxgel.Problem(coarse_model, coarse_model.cloud.plate.gel), [-4.9678, -4.5, -4.0, -3.0], eigenvalues=True)
+    path = jaxgel.sweep(
+        jaxgel.Problem(coarse_model, coarse_model.cloud.plate.gel),
+        [-4.9678, -4.5, -4.0, -3.0],
+        eigenvalues=True,
+    )
     problem = Problem(path.model, path.gel, contact=False).prepared
-    states = [solve(problem, mu, x, p, own_factor=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
-    exact = [nearest_modes(state.factor, StabilityAnalysis(problem).stiffness, 1)[0][0] for state in states]
+    states = [
+        solve(problem, mu, x, p, own_factor=True)
+        for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)
+    ]
+    exact = [
+        nearest_modes(state.factor, StabilityAnalysis(problem).stiffness, 1)[0][0]
+        for state in states
+    ]
     np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
 
 
@@ -65,7 +82,9 @@ def test_the_network_stiffness_is_the_hessian_of_the_networks_energy(tiny_model)
         return network_energy(x.ravel().at[free].set(v).reshape(-1, 2), tiny_model, problem.gel)
 
     hessian = jax.jit(jax.jacfwd(jax.grad(energy)))(x.ravel()[free])
-    np.testing.assert_allclose(np.asarray(hessian), StabilityAnalysis(problem).stiffness.toarray(), atol=1e-15)
+    np.testing.assert_allclose(
+        np.asarray(hessian), StabilityAnalysis(problem).stiffness.toarray(), atol=1e-15
+    )
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +94,7 @@ def unstable_path(buckling_model):
 
 
 def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable_path):
-    """Modes that were followed so far may all have another symmetry than the one that becomes unstable."""
+    """Modes followed so far may all have another symmetry than the unstable one."""
     problem = Problem(unstable_path.model, unstable_path.gel, contact=False).prepared
     stiffness, mu = StabilityAnalysis(problem).stiffness, unstable_path.mu[-1]
     state = solve(problem, mu, unstable_path.x[-1], unstable_path.pressure[-1], own_factor=True)
@@ -88,12 +107,22 @@ def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable
 
 @pytest.mark.slow
 def test_the_lowest_eigenvalue_is_found_where_modes_change_their_order(cloud_of):
-    """On the lattice the lowest three, a double one among them, give way to a mode of another symmetry."""
+    """On the lattice the lowest three, one double, give way to a mode of another symmetry."""
     model = jaxgel.discretise(cloud_of("lattice"))
-    path = jaxgel.sweep(jaxgel.Problem(model, model.cloud.plate.gel, contact=False), np.linspace(-3.5, -1.6, 14), eigenvalues=True)
+    path = jaxgel.sweep(
+        jaxgel.Problem(model, model.cloud.plate.gel, contact=False),
+        np.linspace(-3.5, -1.6, 14),
+        eigenvalues=True,
+    )
     problem = Problem(path.model, path.gel, contact=False).prepared
-    states = [solve(problem, mu, x, p, own_factor=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
-    exact = [nearest_modes(state.factor, StabilityAnalysis(problem).stiffness, 1)[0][0] for state in states]
+    states = [
+        solve(problem, mu, x, p, own_factor=True)
+        for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)
+    ]
+    exact = [
+        nearest_modes(state.factor, StabilityAnalysis(problem).stiffness, 1)[0][0]
+        for state in states
+    ]
     np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
 
 
@@ -116,11 +145,20 @@ def test_negative_eigenvalues_are_counted_for_the_state_itself(unstable_path):
     assert list(unstable_path.negative_pivots[[0, -1]]) == [0, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [True, False])
 def test_the_history_has_the_lowest_eigenvalues_that_were_asked_for(tiny_model, asked):
     """The pivots are counted either way."""
-    table = jaxgel.observables.history(jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, 0.1)), [-3.0, -2.0], eigenvalues=asked))
-    assert np.all(table["lowest_eigenvalue"] > 0) if asked else np.all(np.isnan(table["lowest_eigenvalue"]))
+    table = jaxgel.observables.history(
+        jaxgel.sweep(
+            jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, 0.1)), [-3.0, -2.0], eigenvalues=asked
+        )
+    )
+    assert (
+        np.all(table["lowest_eigenvalue"] > 0)
+        if asked
+        else np.all(np.isnan(table["lowest_eigenvalue"]))
+    )
     assert list(table["negative_pivots"]) == [0, 0]
 
 
@@ -139,40 +177,70 @@ def test_a_state_that_was_not_reached_has_no_lowest_eigenvalue(tiny_path):
 
 
 def test_the_lowest_eigenvalue_of_a_path_under_loads_is_that_of_its_states(tiny_model):
-    """Dead loads have no stiffness, but the states are others: a tenth and more of the eigenvalue."""
+    """Dead loads have no stiffness, but change states: a tenth and more of the eigenvalue."""
     gel = tiny_model.cloud.plate.gel
-    loads = np.where(np.asarray(tiny_model.cloud.nodes) == np.asarray(tiny_model.cloud.nodes).max(axis=0), [0.0, -2e-5], 0.0)
-    path, unloaded = (jaxgel.sweep(jaxgel.Problem(tiny_model, gel, loads=force), [-3.0, -2.0], eigenvalues=True) for force in (loads, None))
+    loads = np.where(
+        np.asarray(tiny_model.cloud.nodes) == np.asarray(tiny_model.cloud.nodes).max(axis=0),
+        [0.0, -2e-5],
+        0.0,
+    )
+    path, unloaded = (
+        jaxgel.sweep(jaxgel.Problem(tiny_model, gel, loads=force), [-3.0, -2.0], eigenvalues=True)
+        for force in (loads, None)
+    )
     found = np.asarray(lowest_eigenvalue(path))
     np.testing.assert_allclose(found, path.lowest_eigenvalue, rtol=ACCURACY)
     assert np.all(np.abs(found / unloaded.lowest_eigenvalue - 1) > 1e-2)
 
 
+@pytest.mark.slow
 def test_every_float_of_a_path_has_the_derivative_of_differences_or_none(tiny_model):
     """Tangents of numbers without derivatives are nan; counts and texts have no tangents."""
 
     def floats(chi):
-        path = jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, chi), contact=False), [-3.0, -2.0])
+        path = jaxgel.sweep(
+            jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, chi), contact=False), [-3.0, -2.0]
+        )
         columns = {field.name: getattr(path, field.name) for field in dataclasses.fields(path)}
-        return {name: jnp.asarray(c) for name, c in columns.items() if isinstance(c, jax.Array | np.ndarray) and c.dtype == float}
+        return {
+            name: jnp.asarray(c)
+            for name, c in columns.items()
+            if isinstance(c, jax.Array | np.ndarray) and c.dtype == float
+        }
 
     h = 1e-4
     _, slopes = jax.jvp(floats, (0.1,), (1.0,))
     differences = jax.tree.map(lambda a, b: (a - b) / (2 * h), floats(0.1 + h), floats(0.1 - h))
     none = {name for name, slope in slopes.items() if np.isnan(slope).all()}
-    assert none == {"residual", "lowest_eigenvalue"} and slopes.keys() == {"mu", "value", "x", "pressure", "energy", *none}
+    assert none == {"residual", "lowest_eigenvalue"} and slopes.keys() == {
+        "mu",
+        "value",
+        "x",
+        "pressure",
+        "energy",
+        *none,
+    }
     for name in slopes.keys() - none:
-        np.testing.assert_allclose(slopes[name], differences[name], rtol=1e-5, atol=1e-7)  # h^2 of the third derivative
+        # h^2 of the third derivative
+        np.testing.assert_allclose(slopes[name], differences[name], rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lowest_eigenvalue", "residual"])
 def test_a_number_without_derivative_refuses_the_reverse_pass_that_asks_for_it(tiny_model, name):
     def number(chi, use):
-        path = jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, chi), contact=False), [-3.0, -2.0])
+        path = jaxgel.sweep(
+            jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, chi), contact=False), [-3.0, -2.0]
+        )
         column = getattr(path, name)
-        return path.energy[-1] + (column[-1] if use else jnp.where(column[-1] > 0, 0.0, 1.0)), column
+        return path.energy[-1] + (
+            column[-1] if use else jnp.where(column[-1] > 0, 0.0, 1.0)
+        ), column
 
-    message = {"lowest_eigenvalue": r"jaxgel\.continuation\.lowest_eigenvalue\(path\)", "residual": "round-off"}[name]
+    message = {
+        "lowest_eigenvalue": r"jaxgel\.continuation\.lowest_eigenvalue\(path\)",
+        "residual": "round-off",
+    }[name]
     with pytest.raises(ValueError, match=rf"^path\.{name}: .*{message}"):
         jax.grad(number, has_aux=True)(0.1, True)
     slope, column = jax.grad(number, has_aux=True)(0.1, False)  # shown beside it, and compared

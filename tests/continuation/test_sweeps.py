@@ -1,4 +1,4 @@
-"""Facts about sweeps in mu: given and chosen steps, continuation, how they end, and that nothing is compiled twice."""
+"""Sweeps in mu: given and chosen steps, continuation, ends, and no second compilation."""
 
 import contextlib
 import dataclasses
@@ -48,10 +48,21 @@ def test_given_steps_are_all_there_in_order(given, tiny_model):
 
 def test_slices_and_arrays_of_numbers_are_paths_of_these_states(given):
     path, _ = given
-    for chosen in (slice(-3, None), slice(None, None, 4), [0, 7], np.array([9, 2]), path.mu > -2.0, np.zeros(10, dtype=bool)):
+    for chosen in (
+        slice(-3, None),
+        slice(None, None, 4),
+        [0, 7],
+        np.array([9, 2]),
+        path.mu > -2.0,
+        np.zeros(10, dtype=bool),
+    ):
         part, numbers = (
             path[chosen],
-            np.arange(10)[chosen if isinstance(chosen, slice) else np.asarray(chosen, dtype=None if len(chosen) else int)],
+            np.arange(10)[
+                chosen
+                if isinstance(chosen, slice)
+                else np.asarray(chosen, dtype=None if len(chosen) else int)
+            ],
         )
         assert isinstance(part, jaxgel.Path)
         np.testing.assert_array_equal(part.mu, path.mu[numbers])
@@ -63,11 +74,15 @@ def test_slices_and_arrays_of_numbers_are_paths_of_these_states(given):
         path[10]
 
 
+@pytest.mark.slow
 def test_the_derivative_of_a_sweep_is_that_of_its_network_after_a_sweep_with_another():
-    """Held edges without holes: positions and pressures are those of all networks, the tangents differ."""
+    """Held edges without holes: equal positions and pressures for all networks, other tangents."""
     plate = jaxgel.Plate(1.0, 1.0, [], edges="fixed", deformation=((1.3, 0.0), (0.0, 1.3)))
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25))
-    force, row = np.zeros((model.n_nodes, 2)), np.argmin(np.sum(np.asarray(model.cloud.nodes) ** 2, axis=1))
+    force, row = (
+        np.zeros((model.n_nodes, 2)),
+        np.argmin(np.sum(np.asarray(model.cloud.nodes) ** 2, axis=1)),
+    )
     force[row, 1] = 1e-3
 
     def deflection(network):
@@ -84,12 +99,17 @@ def test_the_derivative_of_a_sweep_is_that_of_its_network_after_a_sweep_with_ano
     assert second(1.0)[0] < 0.9 * alone  # the other network is stiffer
 
 
+@pytest.mark.slow
 def test_a_part_of_a_path_has_the_derivatives_of_the_whole(tiny_model):
     def reduction(chi, part):
         path = jaxgel.sweep(jaxgel.Problem(tiny_model, Gel(1e-3, chi)), [-3.0, -2.0])
         return jaxgel.area_reduction(path[part])[0]
 
-    whole = jax.grad(lambda chi: jaxgel.area_reduction(jaxgel.sweep(jaxgel.Problem(tiny_model, Gel(1e-3, chi)), [-3.0, -2.0]))[1])(0.1)
+    whole = jax.grad(
+        lambda chi: jaxgel.area_reduction(
+            jaxgel.sweep(jaxgel.Problem(tiny_model, Gel(1e-3, chi)), [-3.0, -2.0])
+        )[1]
+    )(0.1)
     assert whole != 0
     for part in (slice(-1, None), [1], np.array([False, True])):
         assert float(jax.grad(reduction)(0.1, part)) == pytest.approx(float(whole), rel=1e-12)
@@ -100,15 +120,23 @@ def test_what_a_notebook_shows_is_one_line_of_sizes(given, tiny_model):
     plate = tiny_model.cloud.plate
     assert repr(plate) == "Plate 'plate': 4 x 4 mm, 1 hole, plane strain"
     assert repr(tiny_model.cloud) == f"Cloud of 79 nodes, 0.5 mm apart, of {plate!r}"
-    assert repr(tiny_model) == f"Model of 79 nodes, quadratic, {sum(len(block.patches) for block in tiny_model.blocks)} patches"
-    assert repr(Problem(tiny_model, path.gel, contact=False).prepared) == f"Problem along mu of a {tiny_model!r}"
+    assert repr(tiny_model) == (
+        "Model of 79 nodes, quadratic, "
+        f"{sum(len(block.patches) for block in tiny_model.blocks)} patches"
+    )
+    assert (
+        repr(Problem(tiny_model, path.gel, contact=False).prepared)
+        == f"Problem along mu of a {tiny_model!r}"
+    )
     assert repr(path[0]) == "State of 79 nodes, mu = -4.9678 kT, stable: converged"
     assert repr(path[:0]) == "Path of no states of 79 nodes"
 
 
 def test_energy_falls_with_mu_by_the_solvent_taken_up(given, tiny_model):
-    """dE/dmu = -sum V (J - 1) at equilibrium, here by a central difference about each middle state."""
-    middle = jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), [-2.0 - 1e-3, -2.0, -2.0 + 1e-3])
+    """dE/dmu = -sum V (J - 1) at equilibrium, by central differences about middle states."""
+    middle = jaxgel.sweep(
+        jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), [-2.0 - 1e-3, -2.0, -2.0 + 1e-3]
+    )
     slope = (middle.energy[2] - middle.energy[0]) / 2e-3
     volumes = jaxgel.observables.cell_volumes(tiny_model)
     uptake = float(np.sum(np.asarray(volumes) * (np.asarray(jaxgel.volume_ratio(middle))[1] - 1)))
@@ -117,13 +145,16 @@ def test_energy_falls_with_mu_by_the_solvent_taken_up(given, tiny_model):
 
 def test_given_and_chosen_steps_end_in_the_same_state(given, tiny_model):
     path, _ = given
-    chosen = jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), jaxgel.Adaptive(-4.9678, -0.9678))
+    chosen = jaxgel.sweep(
+        jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), jaxgel.Adaptive(-4.9678, -0.9678)
+    )
     assert chosen.stop.ok
     assert (chosen.mu[0], chosen.mu[-1]) == (-4.9678, -0.9678)
     assert np.all(np.diff(chosen.mu) > 0)
     np.testing.assert_allclose(chosen.x[-1], path.x[-1], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_single_value_and_a_single_huge_step_are_reached(given, tiny_model):
     """Directly, or by way of intermediate states that are not kept."""
     path, _ = given
@@ -137,7 +168,9 @@ def test_a_single_value_and_a_single_huge_step_are_reached(given, tiny_model):
 
 def test_sweep_continued_from_a_step_equals_the_uninterrupted_one(given, tiny_model):
     path, seen = given
-    rest = jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), path.mu[6:], start=seen[5])
+    rest = jaxgel.sweep(
+        jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), path.mu[6:], start=seen[5]
+    )
     np.testing.assert_array_equal(rest.mu, path.mu[6:])
     np.testing.assert_allclose(rest.x, path.x[6:], atol=1e-9)
 
@@ -145,7 +178,9 @@ def test_sweep_continued_from_a_step_equals_the_uninterrupted_one(given, tiny_mo
 def test_a_sweep_must_leave_its_start(given, tiny_model):
     path, seen = given
     for mu in ([path.mu[5], path.mu[6]], jaxgel.Adaptive(path.mu[4], path.mu[5])):
-        with pytest.raises(ValueError, match=r"^mu: \S+ is the value of the start, the sweep must leave it"):
+        with pytest.raises(
+            ValueError, match=r"^mu: \S+ is the value of the start, the sweep must leave it"
+        ):
             jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), mu, start=seen[5])
 
 
@@ -162,7 +197,9 @@ def test_twenty_steps_trace_and_compile_nothing_after_the_third(tiny_model):
 
     with guard:
         jaxgel.sweep(
-            jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), np.linspace(-4.8, -1.0, 20), observer=jaxgel.Observer(accepted=watch)
+            jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel),
+            np.linspace(-4.8, -1.0, 20),
+            observer=jaxgel.Observer(accepted=watch),
         )
     assert len(seen) == 20
 
@@ -189,16 +226,22 @@ def test_interruption_passes_through_with_all_finished_steps_delivered(tiny_mode
     assert [step.status for step in seen] == [Status.CONVERGED] * 3
 
 
-# --- how sweeps end ----------------------------------------------------------------------------------------------------------
+# --- how sweeps end -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "mu", [pytest.param([-2.0, -1.0, 0.0, 0.5], marks=pytest.mark.slow), jaxgel.Adaptive(-2.0, 0.5)], ids=["given", "chosen"]
+    "mu",
+    [pytest.param([-2.0, -1.0, 0.0, 0.5], marks=pytest.mark.slow), jaxgel.Adaptive(-2.0, 0.5)],
+    ids=["given", "chosen"],
 )
 def test_sweep_into_a_swelling_jump_stops_at_the_fold_and_says_so(mu, square_model):
-    """With chi = 1.5 no state connected with the dry one exists above the fold: the gel would jump to a hundredfold volume."""
+    """With chi = 1.5 no state connected with the dry one exists above the fold.
+
+    The gel would jump to a hundredfold volume.
+    """
     gel = Gel(Nv=1e-3, chi=1.5)
-    fold = float(limits_of_stability(gel, swelling="plane strain").control[0])  # of free swelling, 0.2351; uniaxially a little higher
+    # of free swelling, 0.2351; uniaxially a little higher
+    fold = float(limits_of_stability(gel, swelling="plane strain").control[0])
     path = jaxgel.sweep(jaxgel.Problem(square_model, gel), mu)
     assert path.stop is Status.STEP_TOO_SMALL
     assert path.stop_text == f"stopped after mu = {path.mu[-1]:.6g}: {Status.STEP_TOO_SMALL.text}"
@@ -207,13 +250,17 @@ def test_sweep_into_a_swelling_jump_stops_at_the_fold_and_says_so(mu, square_mod
     assert path.mu[-1] == (0.0 if isinstance(mu, list) else pytest.approx(fold, abs=2e-3))
 
 
+@pytest.mark.slow
 def test_sweep_without_a_first_state_fails_with_the_reason(square_model):
     with pytest.raises(SweepFailed, match=r"^sweep: no equilibrium at mu = 0.6: Newton "):
         jaxgel.sweep(jaxgel.Problem(square_model, Gel(Nv=1e-3, chi=1.5)), [0.6, 0.7])
 
 
 def test_number_of_chosen_steps_is_limited(tiny_model):
-    path = jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), jaxgel.Adaptive(-4.9678, -0.9678, max_steps=2))
+    path = jaxgel.sweep(
+        jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel),
+        jaxgel.Adaptive(-4.9678, -0.9678, max_steps=2),
+    )
     assert path.stop is Status.TOO_MANY_STEPS
     assert len(path) == 2
 
@@ -222,11 +269,17 @@ def test_unusable_mu_is_refused(tiny_model, refused):
     refused(
         lambda mu: jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), mu),
         [
-            ([-1.0, np.nan], r"mu: \[-1.0, nan\] is not accepted, it must be a list of finite numbers"),
+            (
+                [-1.0, np.nan],
+                r"mu: \[-1.0, nan\] is not accepted, it must be a list of finite numbers",
+            ),
             ([np.inf], r"mu: \[inf\] is not accepted"),
             ([], r"mu: \[\] is not accepted"),
             ([[-1.0, -0.5]], r"mu: \[\[-1.0, -0.5\]\] is not accepted"),
-            ([-1.0, -0.5, -0.5], r"mu: -0.5 is followed by -0.5, the values must differ from one to the next"),
+            (
+                [-1.0, -0.5, -0.5],
+                r"mu: -0.5 is followed by -0.5, the values must differ from one to the next",
+            ),
             ((-1.0, -1.0), r"mu: -1 is followed by -1, the values must differ"),
         ],
         start=True,
@@ -235,13 +288,17 @@ def test_unusable_mu_is_refused(tiny_model, refused):
 
 def test_a_tuple_means_the_same_states_as_a_list(tiny_model):
     problem = jaxgel.Problem(tiny_model, Gel(1e-3, 0.1))
-    lists = [jaxgel.sweep(problem, values).value.tolist() for values in ((-3.0, -2.0), [-3.0, -2.0], np.array([-3.0, -2.0]))]
+    lists = [
+        jaxgel.sweep(problem, values).value.tolist()
+        for values in ((-3.0, -2.0), [-3.0, -2.0], np.array([-3.0, -2.0]))
+    ]
     assert lists == [[-3.0, -2.0]] * 3
     for wrong in ((-3.0, "x"), (-3.0, None)):
         with pytest.raises(ValueError, match=r"^Adaptive: the ends must be concrete numbers"):
             jaxgel.Adaptive(*wrong)
 
 
+@pytest.mark.slow
 def test_a_path_is_a_pytree_with_the_same_fields_where_it_is_differentiated(tiny_model):
     """Leaves are arrays; how it ended and the symmetries are part of the structure."""
 
@@ -251,18 +308,27 @@ def test_a_path_is_a_pytree_with_the_same_fields_where_it_is_differentiated(tiny
     eager, differentiated = path(0.1), jax.jvp(path, (0.1,), (1.0,))[0]
     for name in (field.name for field in dataclasses.fields(eager) if field.name != "problem"):
         one, other = getattr(eager, name), getattr(differentiated, name)
-        assert type(one) is type(other) or (np.shape(one), np.dtype(one.dtype)) == (np.shape(other), np.dtype(other.dtype)), name
+        assert type(one) is type(other) or (np.shape(one), np.dtype(one.dtype)) == (
+            np.shape(other),
+            np.dtype(other.dtype),
+        ), name
     assert differentiated.stop is Status.CONVERGED and differentiated.symmetry == eager.symmetry
-    np.testing.assert_array_equal(differentiated.status, eager.status)  # the eigenvalues are looked at for the derivatives alone
+    # the eigenvalues are looked at for the derivatives alone
+    np.testing.assert_array_equal(differentiated.status, eager.status)
     assert set(np.asarray(differentiated.derivative)) == {Status.CONVERGED}
     again = jax.tree.map(lambda leaf: leaf, eager)
     np.testing.assert_array_equal(again.x, eager.x)
 
 
+@pytest.mark.slow
 def test_an_observer_is_told_of_iterations_and_of_states_refused_and_accepted(square_model):
     told = {"accepted": [], "refused": [], "iteration": []}
-    observer = jaxgel.Observer(**{name: (lambda state, name=name: told[name].append(state.value)) for name in told})
-    path = jaxgel.sweep(jaxgel.Problem(square_model, Gel(1e-3, 1.5)), jaxgel.Adaptive(-2.0, 0.5), observer=observer)
+    observer = jaxgel.Observer(
+        **{name: (lambda state, name=name: told[name].append(state.value)) for name in told}
+    )
+    path = jaxgel.sweep(
+        jaxgel.Problem(square_model, Gel(1e-3, 1.5)), jaxgel.Adaptive(-2.0, 0.5), observer=observer
+    )
     assert told["accepted"] == path.value.tolist()
     assert told["refused"] and min(told["refused"]) > path.value[0]
     assert len(told["iteration"]) > len(path) + len(told["refused"])
@@ -272,7 +338,9 @@ def test_tolerances_of_newtons_method_are_options(tiny_model):
     problem = jaxgel.Problem(tiny_model, Gel(1e-3, 0.1))
     exact, rough = (
         jaxgel.sweep(problem, [-2.0]),
-        jaxgel.sweep(problem, [-2.0], newton=jaxgel.Newton(tolerance=1e-3, constraint_tolerance=1e-3)),
+        jaxgel.sweep(
+            problem, [-2.0], newton=jaxgel.Newton(tolerance=1e-3, constraint_tolerance=1e-3)
+        ),
     )
     assert exact.residual[0] < 1e-10 < rough.residual[0] < 1e-3
     assert rough.newton_iterations[0] < exact.newton_iterations[0]
@@ -280,17 +348,25 @@ def test_tolerances_of_newtons_method_are_options(tiny_model):
         jaxgel.sweep(problem, [-2.0], newton=jaxgel.Newton(max_iterations=1))
 
 
+@pytest.mark.slow
 def test_a_sweep_to_a_value_without_a_state_ends_after_a_bounded_number_of_steps():
     """At the dry size there is no room for solvent; every halved step on the way there succeeds."""
     model, tried = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, spacing=0.5))), []
     problem = jaxgel.Problem(model, Gel(1e-3, 0.1), control=jaxgel.Stretch("both"))
-    path = jaxgel.sweep(problem, [1.1, 1.0], observer=jaxgel.Observer(refused=lambda state: tried.append(state.value)))
+    path = jaxgel.sweep(
+        problem,
+        [1.1, 1.0],
+        observer=jaxgel.Observer(refused=lambda state: tried.append(state.value)),
+    )
     assert (
         path.stop is Status.STEP_TOO_SMALL and path.value.tolist() == [1.1] and len(tried) < 24
     )  # 18: 17 halvings to 1e-5 of the way, and the first
 
 
-@pytest.mark.parametrize(("gel", "name"), [(Gel(Nv=0.0), "Nv"), (Gel(Nv=np.nan), "Nv"), (Gel(chi=2.0), "chi"), (Gel(chi=np.nan), "chi")])
+@pytest.mark.parametrize(
+    ("gel", "name"),
+    [(Gel(Nv=0.0), "Nv"), (Gel(Nv=np.nan), "Nv"), (Gel(chi=2.0), "chi"), (Gel(chi=np.nan), "chi")],
+)
 def test_unusable_gel_is_refused(gel, name, tiny_model):
     with pytest.raises(ValueError, match=f"^{name}: "):
         jaxgel.sweep(jaxgel.Problem(tiny_model, gel), [-2.0])
@@ -298,37 +374,57 @@ def test_unusable_gel_is_refused(gel, name, tiny_model):
 
 def test_unknown_branch_is_refused(tiny_model):
     with pytest.raises(ValueError, match=r"^branch: 'buckled' is not one of stable, symmetric"):
-        jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), [-2.0], branch="buckled")
+        jaxgel.sweep(
+            jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), [-2.0], branch="buckled"
+        )
 
 
 def states(values, at):
-    """Steps at the given mu with one node whose position and one pressure are the given ``values`` (k,)."""
+    """Steps at given mu of one node whose position and one pressure are ``values`` (k,)."""
     rest = dict(status=jaxgel.Status.CONVERGED, newton_iterations=1, residual=0.0, energy=0.0)
-    return [State(value=mu, mu=mu, x=np.full((1, 2), v), pressure=np.full(1, -v), **rest) for mu, v in zip(at, values, strict=True)]
+    return [
+        State(value=mu, mu=mu, x=np.full((1, 2), v), pressure=np.full(1, -v), **rest)
+        for mu, v in zip(at, values, strict=True)
+    ]
 
 
 def test_prediction_is_exact_on_a_polynomial_and_cautious_after_a_turn(tiny_model):
-    problem, at = Problem(tiny_model, tiny_model.cloud.plate.gel, contact=False).prepared, np.array([-3.0, -2.8, -2.5, -2.3, -2.2])
+    problem, at = (
+        Problem(tiny_model, tiny_model.cloud.plate.gel, contact=False).prepared,
+        np.array([-3.0, -2.8, -2.5, -2.3, -2.2]),
+    )
     x, pressure = predict(problem, -2.0, states(at**4 - at, at))
     np.testing.assert_allclose(x, 18.0, rtol=1e-11)
     np.testing.assert_allclose(pressure, -18.0, rtol=1e-11)
-    x, _ = predict(problem, -2.0, states([1.0, 1.0, 1.0, 1.0, 1.5], at))  # constant, until it turned: so the last state is best
+    # constant, until it turned: so the last state is best
+    x, _ = predict(problem, -2.0, states([1.0, 1.0, 1.0, 1.0, 1.5], at))
     np.testing.assert_allclose(x, 1.5)
 
 
 def test_a_first_state_predicts_the_second_to_second_order(tiny_model):
     model = tiny_model
-    problem, steps, misses = Problem(model, model.cloud.plate.gel, contact=False).prepared, 0.2 * 0.5 ** np.arange(3), []
+    problem, steps, misses = (
+        Problem(model, model.cloud.plate.gel, contact=False).prepared,
+        0.2 * 0.5 ** np.arange(3),
+        [],
+    )
     for step in steps:
         seen = []
-        jaxgel.sweep(jaxgel.Problem(model, model.cloud.plate.gel), [-3.0, -3.0 + step], observer=jaxgel.Observer(accepted=seen.append))
+        jaxgel.sweep(
+            jaxgel.Problem(model, model.cloud.plate.gel),
+            [-3.0, -3.0 + step],
+            observer=jaxgel.Observer(accepted=seen.append),
+        )
         x, pressure = predict(problem, seen[1].mu, seen[:1])
         misses.append([np.abs(x - seen[1].x).max(), np.abs(pressure - seen[1].pressure).max()])
     np.testing.assert_allclose(np.log2(np.divide(misses[:-1], misses[1:])), 2, atol=0.15)
 
 
 def test_one_factor_is_in_memory_at_a_time(coarse_model, monkeypatch):
-    """At 3e5 nodes each fills gigabytes. The modes at the end of so long a step need one of their own. Blocks are small."""
+    """At 3e5 nodes each fills gigabytes.
+
+    The modes at the end of so long a step need one of their own. Blocks are small.
+    """
     made, alive = weakref.WeakSet(), []
 
     def factorise(*args):
@@ -338,5 +434,7 @@ def test_one_factor_is_in_memory_at_a_time(coarse_model, monkeypatch):
         return fronts
 
     monkeypatch.setattr(linear_solve, "factorise", factorise)
-    jaxgel.sweep(jaxgel.Problem(coarse_model, coarse_model.cloud.plate.gel), [-4.9678, -3.5], symmetry="off")
+    jaxgel.sweep(
+        jaxgel.Problem(coarse_model, coarse_model.cloud.plate.gel), [-4.9678, -3.5], symmetry="off"
+    )
     assert len(alive) > 3 and not any(alive)

@@ -29,7 +29,9 @@ from jaxgel.materials import Composite, Elastomer, Filled, Gel, LocalValues
 from jaxgel.mechanics import edges_of
 
 GEL = Gel(1e-3, 0.1)
-EDGES_OF_PLATE = edges_of(make_cloud(Plate(4.0, 4.0, displacement={"top": (0.0, 0.1)}, spacing=1.0)).topology, True)
+EDGES_OF_PLATE = edges_of(
+    make_cloud(Plate(4.0, 4.0, displacement={"top": (0.0, 0.1)}, spacing=1.0)).topology, True
+)
 
 
 NOTHING = Changes(edges=False, loads=False, gel=False, stiffness=False)
@@ -38,7 +40,12 @@ NOTHING = Changes(edges=False, loads=False, gel=False, stiffness=False)
 def test_a_control_changes_what_it_says():
     control = ChemicalPotential()
     setting = control(-0.5, GEL)
-    assert (setting.mu, setting.gel, setting.deformation, setting.displacement) == (-0.5, GEL, None, None)
+    assert (setting.mu, setting.gel, setting.deformation, setting.displacement) == (
+        -0.5,
+        GEL,
+        None,
+        None,
+    )
     assert (control.name, control.unit) == ("mu", "kT")
     assert changes_of(control, GEL) == NOTHING
     assert changes_of(Stretch(), GEL) == dataclasses.replace(NOTHING, edges=True)
@@ -56,7 +63,13 @@ def test_a_driven_parameter_replaces_that_of_the_gel_and_of_no_elastomer():
     both = control(0.4, Composite(GEL, (Gel(2e-3, 0.1), Elastomer(1.0, 10.0)))).gel
     assert (both.matrix.chi, both.regions[0].chi, both.regions[0].Nv) == (0.4, 0.4, 2e-3)
     assert both.regions[1] == Elastomer(1.0, 10.0)
-    with pytest.raises(ValueError, match=r"^control: regions\[0\] has a 'chi' of its own, only one number of all gels can be driven"):
+    with pytest.raises(
+        ValueError,
+        match=(
+            r"^control: regions\[0\] has a 'chi' of its own, only one number of all gels can be "
+            r"driven"
+        ),
+    ):
         control(0.4, Composite(GEL, (Gel(1e-3, 0.2),)))
     local = LocalValues((), jnp.ones(2), jnp.ones(0))
     assert control(0.4, Filled(dataclasses.replace(GEL, Nv=local), local)).gel.gel.chi == 0.4
@@ -67,7 +80,8 @@ def test_a_stretch_moves_the_edges_along_its_direction():
         control = Stretch(direction, mu=-1.0)
         moved = EDGES_OF_PLATE.moved(control(1.2, GEL))
         np.testing.assert_allclose(moved.deformation, np.diag(expected))
-        np.testing.assert_array_equal(moved.displacement, EDGES_OF_PLATE.displacement)  # what the control does not say the plate does
+        # what the control does not say the plate does
+        np.testing.assert_array_equal(moved.displacement, EDGES_OF_PLATE.displacement)
     with pytest.raises(ValueError, match="direction: 'z' is not one of x, y, both"):
         Stretch("z")
 
@@ -113,17 +127,40 @@ def _unknown(value, gel):
 
 
 def test_controls_that_cannot_be_used_are_refused_in_one_line(refused):
-    refused(check_is_control, [(lambda value, gel: Setting(value, gel), "^control: .* must have a name, a unit and a scale")])
+    refused(
+        check_is_control,
+        [
+            (
+                lambda value, gel: Setting(value, gel),
+                "^control: .* must have a name, a unit and a scale",
+            )
+        ],
+    )
     refused(
         lambda control: check_control(control, GEL, np.array([0.0, 1.0])),
         [
             (temperature(), "control: 'temperature' is no parameter of Gel, it has Nv, chi"),
-            (Driven(_jump, name="ramp"), r"ramp: what acts jumps at 0\.3, the path must be continuous"),
-            (Driven(_nothing, name="ramp"), "ramp: the control gives float at 0, it must give a Setting"),
+            (
+                Driven(_jump, name="ramp"),
+                r"ramp: what acts jumps at 0\.3, the path must be continuous",
+            ),
+            (
+                Driven(_nothing, name="ramp"),
+                "ramp: the control gives float at 0, it must give a Setting",
+            ),
             (Driven(_endless, name="ramp"), "ramp: what acts at 0 is not finite"),
-            (Driven(_unknown, name="ramp"), r"ramp: displacement of \['rihgt'\] is not accepted, edges are left, right, bottom, top"),
+            (
+                Driven(_unknown, name="ramp"),
+                (
+                    r"ramp: displacement of \['rihgt'\] is not accepted, edges are left, right, "
+                    r"bottom, top"
+                ),
+            ),
             (Stretch(mu=np.nan), "stretch = 0: mu: nan is not accepted"),
-            (Driven(_too_poor, name="ramp"), r"ramp = 1: chi: 2 is not accepted, it must be a finite number < 2"),
+            (
+                Driven(_too_poor, name="ramp"),
+                r"ramp = 1: chi: 2 is not accepted, it must be a finite number < 2",
+            ),
         ],
         start=True,
     )
@@ -147,7 +184,13 @@ def test_values_that_cannot_be_used_are_refused(refused):
     refused(
         lambda values: check_values(values, "temperature", "°C"),
         [
-            ([25.0, np.nan], r"temperature: \[25.0, nan\] is not accepted, it must be a list of finite numbers \(°C\)"),
+            (
+                [25.0, np.nan],
+                (
+                    r"temperature: \[25.0, nan\] is not accepted, it must be a list of finite "
+                    r"numbers \(°C\)"
+                ),
+            ),
             (["warm"], r"temperature: \['warm'\] is not accepted"),
             ([], r"temperature: \[\] is not accepted"),
             ([25.0, 30.0, 30.0], "temperature: 30 is followed by 30, the values must differ"),

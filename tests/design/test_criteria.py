@@ -15,7 +15,9 @@ MU = np.array([-3.0, -2.0, -1.0])
 
 
 def path_of(values, stop=Status.CONVERGED):
-    return SimpleNamespace(value=jnp.asarray(values), control=ChemicalPotential(), stop=stop, t=None)
+    return SimpleNamespace(
+        value=jnp.asarray(values), control=ChemicalPotential(), stop=stop, t=None
+    )
 
 
 def square(path):
@@ -41,5 +43,7 @@ def test_a_value_beyond_a_path_that_stopped_is_not_a_number_and_has_no_slope():
     stopped = path_of(MU, Status.STEP_TOO_SMALL)
     assert np.isnan(value_at(square, -0.5)(stopped))
     assert float(value_at(square, -2.5)(stopped)) == pytest.approx(6.5)
-    slope = jax.grad(lambda factor: value_at(lambda path: factor * square(path), -0.5)(stopped))(1.0)
+    slope = jax.grad(lambda factor: value_at(lambda path: factor * square(path), -0.5)(stopped))(
+        1.0
+    )
     assert np.isnan(slope)

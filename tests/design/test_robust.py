@@ -1,4 +1,4 @@
-"""Robust objectives: mean and standard deviation over a design as it is made, with exact gradients."""
+"""Robust objectives: mean and standard deviation of a design as made, exact gradients."""
 
 import tomllib
 
@@ -31,7 +31,10 @@ def study(*changes):
 
 
 def test_the_objective_is_the_mean_less_some_deviations():
-    values, spread = np.array([1.0, 2.0, 4.0]), Spread(lambda plate, gel, e: (plate, gel), np.zeros((3, 1)), 2.0)
+    values, spread = (
+        np.array([1.0, 2.0, 4.0]),
+        Spread(lambda plate, gel, e: (plate, gel), np.zeros((3, 1)), 2.0),
+    )
     mean, deviation = values.mean(), values.std(ddof=1)
     assert float(spread.objective(values, maximise=True)) == pytest.approx(mean - 2 * deviation)
     assert float(spread.objective(values, maximise=False)) == pytest.approx(mean + 2 * deviation)
@@ -39,6 +42,7 @@ def test_the_objective_is_the_mean_less_some_deviations():
     assert float(alike) == 1.0  # no deviation, and no nan of its root
 
 
+@pytest.mark.slow
 def test_gradients_of_a_robust_objective_are_differences():
     """By the radius, of three samples with errors of radius and Nv."""
     problem = study().problem
@@ -51,24 +55,36 @@ def test_gradients_of_a_robust_objective_are_differences():
 
 
 def test_samples_have_the_given_deviations():
-    """Of the radius and of Nv as shares of the case's own values; the design and its errors add up."""
+    """Of the radius and of Nv as shares of the case's own values.
+
+    The design and its errors add up.
+    """
     problem = study(("robust", {"samples": 256})).problem
     plate = problem.plate(problem.start)
     made = [problem.spread.change(plate, problem.gel, errors) for errors in problem.spread.errors]
-    radii, chains = np.array([(float(plate.holes[0].radius), float(gel.Nv)) for plate, gel in made]).T
+    radii, chains = np.array(
+        [(float(plate.holes[0].radius), float(gel.Nv)) for plate, gel in made]
+    ).T
     np.testing.assert_allclose([radii.mean(), chains.mean()], [1.1, 1e-3], rtol=2e-3)
     np.testing.assert_allclose([radii.std(), chains.std()], [0.022, 1e-4], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_the_verification_judges_by_the_same_samples():
     """Value on the same spacing: mean less two deviations of the swollen samples."""
     found = study()
     problem = found.problem
     verified, path = found.verify(problem.start, spacing=0.5)
-    values = [float(jaxgel.area_reduction(one)[-1]) for one in problem.as_made(problem.start, path.model.cloud, problem.refined)]
-    assert len(values) == 3 and verified["value"] == pytest.approx(np.mean(values) - 2 * np.std(values, ddof=1))
+    values = [
+        float(jaxgel.area_reduction(one)[-1])
+        for one in problem.as_made(problem.start, path.model.cloud, problem.refined)
+    ]
+    assert len(values) == 3 and verified["value"] == pytest.approx(
+        np.mean(values) - 2 * np.std(values, ddof=1)
+    )
 
 
+@pytest.mark.slow
 def test_wrong_entries_are_refused(refused):
     rows = [
         (("robust", {"uncertainty": {"radios": 0.1}}), "radios"),
@@ -76,4 +92,7 @@ def test_wrong_entries_are_refused(refused):
         (("robust", {"samples": 1}), "robust.samples: 1"),
     ]
     refused(study, rows)
-    refused(lambda errors: Spread(lambda plate, gel, e: (plate, gel), errors), [(np.zeros((1, 2)), "errors: an array of shape")])
+    refused(
+        lambda errors: Spread(lambda plate, gel, e: (plate, gel), errors),
+        [(np.zeros((1, 2)), "errors: an array of shape")],
+    )

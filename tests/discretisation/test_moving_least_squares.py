@@ -1,6 +1,7 @@
-"""Facts about the shape functions at single points of random clouds: 7 x 7 jittered grid points of spacing 1, support 3.5.
+"""Shape functions at single points of random clouds: 7 x 7 jittered grid points.
 
-The function of ``jaxgel.paper`` has the kinds of the package, and those with which it is compared.
+Of spacing 1, support 3.5. The function of ``jaxgel.paper`` has the kinds of the package, and those
+with which it is compared.
 """
 
 import functools
@@ -27,9 +28,14 @@ def clouds(n, seed):
 
 
 def value_and_gradient(x, nodes, support, *, basis, kind):
-    """Values (p, n) and gradients (p, n, 2) at p <= 200 points ``x`` (p, 2), each with its own nodes (p, n, 2), and supports () or (n,)."""
+    """Values (p, n) and gradients (p, n, 2) at ``x`` (p, 2) with nodes (p, n, 2), supports.
+
+    p <= 200 points, each with its own nodes, and supports () or (n,).
+    """
     fill = np.arange(200) % len(x)  # one shape for all tests: compiled once per basis and kind
-    phi, gradient = two_hundred(x[fill], nodes[fill], np.broadcast_to(support, nodes.shape[1]), basis=basis, kind=kind)
+    phi, gradient = two_hundred(
+        x[fill], nodes[fill], np.broadcast_to(support, nodes.shape[1]), basis=basis, kind=kind
+    )
     return np.asarray(phi[: len(x)]), np.asarray(gradient[: len(x)])
 
 
@@ -77,8 +83,14 @@ def test_gradients_at_nodes_match_differences_of_values(basis, kind):
     _, gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)
     assert np.all(np.isfinite(gradient))
     for i in range(2):
-        ahead, behind = (value_and_gradient(x + sign * step * np.eye(2)[i], nodes, SUPPORT, basis=basis, kind=kind)[0] for sign in (1, -1))
-        # phi has a term |x - x_a|^3 at the nodes: truncation about step^2 = 1e-10; round-off 1e-15 / step = 1e-10
+        ahead, behind = (
+            value_and_gradient(
+                x + sign * step * np.eye(2)[i], nodes, SUPPORT, basis=basis, kind=kind
+            )[0]
+            for sign in (1, -1)
+        )
+        # phi has a term |x - x_a|^3 at the nodes: truncation about step^2 = 1e-10; round-off
+        # 1e-15 / step = 1e-10
         np.testing.assert_allclose(gradient[:, :, i], (ahead - behind) / (2 * step), atol=3e-9)
 
 
@@ -89,7 +101,12 @@ def test_gradients_match_differences_of_values(basis, kind):
     step = 1e-5
     gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)[1]
     for i in range(2):
-        ahead, behind = (value_and_gradient(x + sign * step * np.eye(2)[i], nodes, SUPPORT, basis=basis, kind=kind)[0] for sign in (1, -1))
+        ahead, behind = (
+            value_and_gradient(
+                x + sign * step * np.eye(2)[i], nodes, SUPPORT, basis=basis, kind=kind
+            )[0]
+            for sign in (1, -1)
+        )
         np.testing.assert_allclose(gradient[:, :, i], (ahead - behind) / (2 * step), atol=3e-9)
 
 
@@ -98,7 +115,8 @@ def test_gradients_match_differences_of_values(basis, kind):
 def test_200_random_clouds_reproduce_the_basis(basis, kind):
     nodes, x = clouds(200, 4)
     phi, gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)
-    about = nodes - x[:, None]  # monomials about the point, so that errors are relative to the size of the support
+    # monomials about the point, so that errors are relative to the size of the support
+    about = nodes - x[:, None]
     p, _ = monomials(about, basis)
     p_x, dp_x = monomials(np.zeros_like(x), basis)
     np.testing.assert_allclose(np.einsum("pa,pam->pm", phi, p), p_x, atol=1e-12)
@@ -109,13 +127,16 @@ def test_200_random_clouds_reproduce_the_basis(basis, kind):
 @interpolating
 def test_linear_fields_are_exact_between_and_next_to_nodes(basis, kind):
     nodes, x = clouds(200, 5)
-    distance = np.repeat([1e-12, 1e-8, 1e-4, 1e-1], 50)[:, None]  # to the node nearest to the middle
+    # to the node nearest to the middle
+    distance = np.repeat([1e-12, 1e-8, 1e-4, 1e-1], 50)[:, None]
     x = nodes[:, 24] + distance * np.array([0.6, 0.8])
     phi, gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)
     slope = np.array([0.3, -1.7])
     field = 2.0 + nodes @ slope
     np.testing.assert_allclose(np.sum(phi * field, axis=1), 2.0 + x @ slope, atol=1e-10)
-    np.testing.assert_allclose(np.einsum("pai,pa->pi", gradient, field), np.broadcast_to(slope, (200, 2)), atol=1e-10)
+    np.testing.assert_allclose(
+        np.einsum("pai,pa->pi", gradient, field), np.broadcast_to(slope, (200, 2)), atol=1e-10
+    )
 
 
 @each_basis
@@ -136,24 +157,36 @@ def test_complex_form_is_equation_36_as_printed(basis):
     for x, cloud, mine in zip(points, nodes, np.asarray(phi), strict=True):
         z, z_a = complex(*x), cloud[:, 0] + 1j * cloud[:, 1]
         distance = abs(z - z_a)
-        w = np.where(distance <= SUPPORT, (SUPPORT / distance) ** 2 * (1 - distance / SUPPORT) ** 2, 0.0)
+        w = np.where(
+            distance <= SUPPORT, (SUPPORT / distance) ** 2 * (1 - distance / SUPPORT) ** 2, 0.0
+        )
         v = w / w.sum()
 
         def p(z):
-            terms = [z, np.conj(z)] if basis == "linear" else [z, np.conj(z), z**2, np.conj(z) ** 2, z * np.conj(z)]
+            terms = (
+                [z, np.conj(z)]
+                if basis == "linear"
+                else [z, np.conj(z), z**2, np.conj(z) ** 2, z * np.conj(z)]
+            )
             return np.stack(terms, axis=-1)
 
         mean = v @ p(z_a)
         b, C = p(z) - mean, p(z_a) - mean
         A, B = C.conj().T @ np.diag(w) @ C, C.conj().T @ np.diag(w)
-        # the paper's monomials are about the origin: the moment matrix has a condition number near 1e8
+        # the paper's monomials are about the origin: the moment matrix has a condition number near
+        # 1e8
         np.testing.assert_allclose(mine, v + b @ np.linalg.solve(A, B), atol=1e-9)
 
 
 @each_basis
-@pytest.mark.parametrize(("kind", "weight"), [("imls", singular_weight), ("mls", cubic_spline_weight)])
+@pytest.mark.parametrize(
+    ("kind", "weight"), [("imls", singular_weight), ("mls", cubic_spline_weight)]
+)
 def test_values_are_those_of_a_weighted_least_squares_fit(basis, kind, weight):
-    """The fitted polynomial at the point; the interpolating form is the fit with the singular weight (Lancaster & Salkauskas 1981)."""
+    """The fitted polynomial at the point.
+
+    The interpolating form is the fit with the singular weight (Lancaster & Salkauskas 1981).
+    """
     nodes, points = clouds(20, 8)
     phi, _ = value_and_gradient(points, nodes, SUPPORT, basis=basis, kind=kind)
     for x, cloud, mine in zip(points, nodes, phi, strict=True):
@@ -173,7 +206,8 @@ def test_icvmls_reproduces_powers_of_z_but_not_their_conjugates(basis):
         by_x, by_y = np.einsum("pai,pa->ip", gradient, z**power)
         np.testing.assert_allclose(by_x, float(power == 1), atol=1e-10)
         np.testing.assert_allclose(by_y, 1j * float(power == 1), atol=1e-10)
-    assert np.abs(np.sum(phi * z.conj(), axis=1)).max() > 0.01  # the incomplete basis: what the paper's complete one cures
+    # the incomplete basis: what the paper's complete one cures
+    assert np.abs(np.sum(phi * z.conj(), axis=1)).max() > 0.01
 
 
 @each_basis
@@ -187,12 +221,18 @@ def test_kinds_of_comparison_do_not_interpolate(basis, kind):
 
 @pytest.mark.parametrize(
     ("basis", "kind"),
-    [("quadratic", "imls"), ("linear", "iicvmls"), *(pytest.param("linear", kind, marks=pytest.mark.slow) for kind in ("icvmls", "mls"))],
+    [
+        ("quadratic", "imls"),
+        ("linear", "iicvmls"),
+        *(pytest.param("linear", kind, marks=pytest.mark.slow) for kind in ("icvmls", "mls")),
+    ],
 )
 def test_padding_and_nodes_out_of_reach_change_nothing(basis, kind):
     nodes, x = clouds(50, 11)
     phi, gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)
-    padded = np.concatenate([nodes, np.repeat(nodes[:, :1], 5, axis=1), np.repeat(x[:, None] + 3.6, 3, axis=1)], axis=1)
+    padded = np.concatenate(
+        [nodes, np.repeat(nodes[:, :1], 5, axis=1), np.repeat(x[:, None] + 3.6, 3, axis=1)], axis=1
+    )
     support = np.concatenate([np.full(49, SUPPORT), np.zeros(5), np.full(3, SUPPORT)])
     longer, longer_gradient = value_and_gradient(x, padded, support, basis=basis, kind=kind)
     assert np.all(longer[:, 49:] == 0)
@@ -206,7 +246,9 @@ def test_padding_and_nodes_out_of_reach_change_nothing(basis, kind):
 def test_padding_with_a_copy_of_the_node_at_the_point_is_harmless(basis, kind):
     nodes = clouds(1, 12)[0]
     padded = np.concatenate([nodes, np.repeat(nodes[:, 24:25], 8, axis=1)], axis=1)
-    phi, gradient = value_and_gradient(nodes[:, 24], padded, np.append(np.full(49, SUPPORT), np.zeros(8)), basis=basis, kind=kind)
+    phi, gradient = value_and_gradient(
+        nodes[:, 24], padded, np.append(np.full(49, SUPPORT), np.zeros(8)), basis=basis, kind=kind
+    )
     np.testing.assert_array_equal(phi[0], np.eye(57)[24])
     assert np.all(np.isfinite(gradient))
 
@@ -216,7 +258,9 @@ def test_padding_with_a_copy_of_the_node_at_the_point_is_harmless(basis, kind):
 def test_compiled_and_uncompiled_values_agree(basis, kind):
     nodes, x = clouds(1, 13)
     phi, gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)
-    function = functools.partial(shape_functions, neighbours=jnp.asarray(nodes[0]), support=SUPPORT, basis=basis, kind=kind)
+    function = functools.partial(
+        shape_functions, neighbours=jnp.asarray(nodes[0]), support=SUPPORT, basis=basis, kind=kind
+    )
     with jax.disable_jit():
         np.testing.assert_allclose(phi[0], function(jnp.asarray(x[0])), atol=1e-14)
         derivative = jax.jvp(function, (jnp.asarray(x[0]),), (jnp.array([0.6, 0.8]),))[1]
@@ -224,12 +268,16 @@ def test_compiled_and_uncompiled_values_agree(basis, kind):
 
 
 @pytest.mark.smoke
-@pytest.mark.parametrize("n", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (7, 1000, 16385)), 32769])
+@pytest.mark.parametrize(
+    "n", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (7, 1000, 16385)), 32769]
+)
 def test_many_points_get_the_values_of_single_points(n):
-    """Some releases of jaxlib return wrong sums for more than 16,384 mapped products on the CPU (jax issue 39103)."""
+    """Some jaxlib releases sum more than 16,384 mapped products wrongly (jax issue 39103)."""
     nodes = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1).reshape(-1, 2)
     x = np.random.default_rng(14).uniform(0, 2, (n, 2))
-    one = functools.partial(shape_functions, neighbours=nodes, support=4.0, basis="linear", kind="imls")
+    one = functools.partial(
+        shape_functions, neighbours=nodes, support=4.0, basis="linear", kind="imls"
+    )
     phi = jax.jit(jax.vmap(one))(x)
     np.testing.assert_allclose(phi, jax.jit(lambda x: jax.lax.map(one, x))(x), atol=1e-13)
     np.testing.assert_allclose(phi @ nodes, x, atol=1e-12)
@@ -240,21 +288,32 @@ def test_many_points_get_the_values_of_single_points(n):
 @pytest.mark.parametrize("level", [0, 3])
 @pytest.mark.parametrize("n", [1, pytest.param(2, marks=pytest.mark.slow), 50])
 def test_a_batch_of_any_size_at_any_optimisation_level_gives_the_fit_of_numpy(n, level, basis):
-    """A compiler that computes distances twice, each rounded in its way, once left points of a batch of one without a nearest node."""
+    """Distances computed twice, each rounded in its way, once left points without nearest node."""
     nodes = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1).reshape(-1, 2)
     between, support = np.random.default_rng(14).uniform(0, 2, (50, 2)), 4.0
-    function = jax.vmap(functools.partial(shape_functions, neighbours=nodes, support=support, basis=basis, kind="imls"))
-    program = jax.jit(function).lower(between[:n]).compile(compiler_options={"xla_backend_optimization_level": level})
+    function = jax.vmap(
+        functools.partial(
+            shape_functions, neighbours=nodes, support=support, basis=basis, kind="imls"
+        )
+    )
+    program = (
+        jax.jit(function)
+        .lower(between[:n])
+        .compile(compiler_options={"xla_backend_optimization_level": level})
+    )
 
     def phi(points):  # filled up to whole batches
-        return np.concatenate([program(points[np.arange(i, i + n) % len(points)]) for i in range(0, len(points), n)])[: len(points)]
+        return np.concatenate(
+            [program(points[np.arange(i, i + n) % len(points)]) for i in range(0, len(points), n)]
+        )[: len(points)]
 
     distance = np.linalg.norm(between[:, None] - nodes, axis=2)
     p, q = monomials(nodes, basis)[0], monomials(between, basis)[0]
     weighted = p.T[None] * ((support / distance - 1) ** 2)[:, None]
     fit = np.linalg.solve(weighted @ p, weighted).transpose(0, 2, 1) @ q[:, :, None]
     values = phi(between)
-    np.testing.assert_allclose(values, fit[:, :, 0], atol=1e-9)  # the plain fit is ill-conditioned next to a node: weights up to 1e4
+    # the plain fit is ill-conditioned next to a node: weights up to 1e4
+    np.testing.assert_allclose(values, fit[:, :, 0], atol=1e-9)
     np.testing.assert_allclose(values @ p, q, atol=1e-13)  # sum 1 and the basis, to round-off
     np.testing.assert_array_equal(phi(nodes), np.eye(9))  # exact, see above
 
@@ -268,7 +327,13 @@ def test_values_are_local_and_independent_of_unit_place_and_direction(basis, kin
     assert np.all(phi[np.linalg.norm(nodes - x[:, None], axis=2) >= support] == 0)
     c, s = np.cos(0.7), np.sin(0.7)
     turn, shift, scale = np.array([[c, -s], [s, c]]), np.array([4.0, -9.0]), 1e-3
-    moved = value_and_gradient(scale * (x @ turn.T + shift), scale * (nodes @ turn.T + shift), scale * support, basis=basis, kind=kind)
+    moved = value_and_gradient(
+        scale * (x @ turn.T + shift),
+        scale * (nodes @ turn.T + shift),
+        scale * support,
+        basis=basis,
+        kind=kind,
+    )
     # the shift by 10 costs a digit of the distances
     np.testing.assert_allclose(moved[0], phi, atol=1e-12)
     np.testing.assert_allclose(scale * moved[1], gradient @ turn.T, atol=1e-10)
@@ -276,21 +341,24 @@ def test_values_are_local_and_independent_of_unit_place_and_direction(basis, kin
 
 @pytest.mark.parametrize(
     ("basis", "kind"),
-    [
-        ("quadratic", "imls"),
-        pytest.param("linear", "iicvmls", marks=pytest.mark.slow),
-    ],
+    [("quadratic", "imls"), pytest.param("linear", "iicvmls", marks=pytest.mark.slow)],
 )
 def test_values_and_gradients_are_those_of_automatic_differentiation(basis, kind):
-    """And so are their own derivatives by the point and the neighbours, in the nodes too, forwards and backwards."""
+    """Their derivatives by point and neighbours, too, in the nodes, forwards and backwards."""
     nodes, x = clouds(6, 18)
     x[:2] = nodes[:2, 24]
     random = np.random.default_rng(18)
     x_dot, nodes_dot = random.normal(size=x.shape), random.normal(size=nodes.shape)
-    written_out = functools.partial(shape_functions_and_gradients, support=SUPPORT, basis=basis, kind=kind)
+    written_out = functools.partial(
+        shape_functions_and_gradients, support=SUPPORT, basis=basis, kind=kind
+    )
 
     def differentiated(x, nodes):
-        return jax.jvp(lambda x: shape_functions(x, nodes, SUPPORT, basis=basis, kind=kind), (x,), (jnp.ones(2),))
+        return jax.jvp(
+            lambda x: shape_functions(x, nodes, SUPPORT, basis=basis, kind=kind),
+            (x,),
+            (jnp.ones(2),),
+        )
 
     def along(x, nodes):
         phi, gradient = written_out(x, nodes)
@@ -299,25 +367,37 @@ def test_values_and_gradients_are_those_of_automatic_differentiation(basis, kind
     @jax.jit
     @jax.vmap
     def both(x, nodes, x_dot, nodes_dot):
-        found, wanted = (jax.jvp(function, (x, nodes), (x_dot, nodes_dot)) for function in (along, differentiated))
-        slopes = [jax.grad(lambda *at, f=f: jnp.sum(jnp.abs(f(*at)[1]) ** 2), (0, 1))(x, nodes) for f in (along, differentiated)]
+        found, wanted = (
+            jax.jvp(function, (x, nodes), (x_dot, nodes_dot))
+            for function in (along, differentiated)
+        )
+        slopes = [
+            jax.grad(lambda *at, f=f: jnp.sum(jnp.abs(f(*at)[1]) ** 2), (0, 1))(x, nodes)
+            for f in (along, differentiated)
+        ]
         return (found, slopes[0]), (wanted, slopes[1])
 
     for found, wanted in zip(*map(jax.tree.leaves, both(x, nodes, x_dot, nodes_dot)), strict=True):
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())  # round-off of the moment matrix
+        # round-off of the moment matrix
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_second_derivatives_are_differences_of_first_ones_by_every_route():
     """By the neighbours: no route may hold what the others differentiate."""
     nodes, x = clouds(1, 19)
     nodes, x, step = jnp.asarray(nodes[0]), jnp.asarray(x[0]), 1e-5
-    direction, weights = (jnp.asarray(np.random.default_rng(19).normal(size=shape)) for shape in ((49, 2), 49))
+    direction, weights = (
+        jnp.asarray(np.random.default_rng(19).normal(size=shape)) for shape in ((49, 2), 49)
+    )
 
     def reading(nodes):
         return weights @ shape_functions(x, nodes, SUPPORT, kind="imls")
 
     def linearised(nodes):
-        return jax.vmap(jax.linearize(reading, nodes)[1])(jnp.eye(98).reshape(98, 49, 2)).reshape(49, 2)
+        return jax.vmap(jax.linearize(reading, nodes)[1])(jnp.eye(98).reshape(98, 49, 2)).reshape(
+            49, 2
+        )
 
     @jax.jit
     def slopes(nodes):
@@ -326,20 +406,28 @@ def test_second_derivatives_are_differences_of_first_ones_by_every_route():
     difference = (slopes(nodes + step * direction) - slopes(nodes - step * direction)) / (2 * step)
     routes = {
         "forwards over backwards": lambda: jax.jvp(jax.grad(reading), (nodes,), (direction,))[1],
-        "backwards over backwards": lambda: jax.grad(lambda nodes: jnp.sum(jax.grad(reading)(nodes) * direction))(nodes),
-        "backwards over forwards": lambda: jax.grad(lambda nodes: jax.jvp(reading, (nodes,), (direction,))[1])(nodes),
+        "backwards over backwards": lambda: jax.grad(
+            lambda nodes: jnp.sum(jax.grad(reading)(nodes) * direction)
+        )(nodes),
+        "backwards over forwards": lambda: jax.grad(
+            lambda nodes: jax.jvp(reading, (nodes,), (direction,))[1]
+        )(nodes),
         "forwards over linearised": lambda: jax.jvp(linearised, (nodes,), (direction,))[1],
     }
     for name, route in routes.items():
         # truncation of the differences, step^2
-        np.testing.assert_allclose(jax.jit(route)(), difference, rtol=0, atol=1e-8 * np.abs(difference).max(), err_msg=name)
+        np.testing.assert_allclose(
+            jax.jit(route)(), difference, rtol=0, atol=1e-8 * np.abs(difference).max(), err_msg=name
+        )
 
 
 def test_values_are_continuous_where_the_nearest_node_changes():
     nodes, _ = clouds(1, 16)
     middle, normal = nodes[0, [23, 24]].mean(axis=0), nodes[0, 24] - nodes[0, 23]
     x = middle + np.array([[-1e-13], [0.0], [1e-13]]) * normal
-    phi, gradient = value_and_gradient(x, np.repeat(nodes, 3, axis=0), SUPPORT, basis="quadratic", kind="imls")
+    phi, gradient = value_and_gradient(
+        x, np.repeat(nodes, 3, axis=0), SUPPORT, basis="quadratic", kind="imls"
+    )
     np.testing.assert_allclose(phi, np.broadcast_to(phi[1], phi.shape), atol=1e-12)
     np.testing.assert_allclose(gradient, np.broadcast_to(gradient[1], gradient.shape), atol=1e-11)
 
@@ -358,11 +446,21 @@ def test_nodes_that_do_not_determine_a_polynomial_give_nan(basis, kind):
     angle, x = random.uniform(0, 2 * np.pi, (1000, 9)), random.uniform(-0.5, 0.5, (1000, 2))
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     line = np.stack([np.cos(0.7) * np.sin(angle), np.sin(0.7) * np.sin(angle) + 0.3], axis=-1)
-    few = np.concatenate([random.uniform(-1, 1, (1000, n_monomials(basis) - 1, 2)), np.zeros((1000, 10 - n_monomials(basis), 2))], axis=1)
+    few = np.concatenate(
+        [
+            random.uniform(-1, 1, (1000, n_monomials(basis) - 1, 2)),
+            np.zeros((1000, 10 - n_monomials(basis), 2)),
+        ],
+        axis=1,
+    )
     support = np.where(np.arange(9) < n_monomials(basis) - 1, 3.5, 0.0)
     function = functools.partial(shape_functions, basis=basis, kind=kind)
     compiled = jax.jit(jax.vmap(function, in_axes=(0, 0, None)))
-    for nodes, reach in ((line, np.full(9, 3.5)), (few, support), *([(circle, np.full(9, 3.5))] if basis == "quadratic" else [])):
+    for nodes, reach in (
+        (line, np.full(9, 3.5)),
+        (few, support),
+        *([(circle, np.full(9, 3.5))] if basis == "quadratic" else []),
+    ):
         assert np.all(np.isnan(compiled(x, nodes, reach)).any(axis=1))
 
 

@@ -1,4 +1,4 @@
-"""Facts about the sizes of programs: padding is inert, and plates of similar size share their programs."""
+"""Sizes of programs: padding is inert, and similar plates share programs."""
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,13 @@ GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
 
 
 def plate(axes):
-    return jaxgel.Plate(8, 8, [jaxgel.Ellipse((0.3, -0.2), axes, 0.4)], regions=[jaxgel.Circle((2.9, 2.9), 0.7)], spacing=0.9)
+    return jaxgel.Plate(
+        8,
+        8,
+        [jaxgel.Ellipse((0.3, -0.2), axes, 0.4)],
+        regions=[jaxgel.Circle((2.9, 2.9), 0.7)],
+        spacing=0.9,
+    )
 
 
 def of_patches(cloud, axes):
@@ -30,12 +36,16 @@ def test_sizes_of_the_ladder_hold_a_number_and_are_few(steps):
     sizes = np.array([rung(int(n), steps) for n in numbers])
     assert np.all(sizes >= numbers) and np.all(sizes <= (1 + 1 / steps) * numbers)
     assert len(np.unique(sizes)) <= steps * 13 + 1  # 13 doublings to 8192
-    assert np.all(np.isin(sizes, [rung(int(n), steps) for n in np.unique(sizes)]))  # a size of the ladder is its own
+    # a size of the ladder is its own
+    assert np.all(np.isin(sizes, [rung(int(n), steps) for n in np.unique(sizes)]))
 
 
 @pytest.mark.parametrize("shape", [(3,), (3, 2)])
 def test_no_rows_have_a_derivative_of_zeros(shape):
-    """As those of the free edges of a plate without any. NumPy (2.4) gives whole numbers for ``bincount`` of nothing, weighted or not."""
+    """As those of the free edges of a plate without any.
+
+    NumPy (2.4) gives whole numbers for ``bincount`` of nothing, weighted or not.
+    """
     values = np.arange(float(np.prod(shape))).reshape(shape)
     found, pullback = jax.vjp(lambda v: taken(v, np.zeros(0, dtype=int)), jnp.asarray(values))
     (slope,) = pullback(found)
@@ -50,7 +60,9 @@ def test_padding_is_inert(monkeypatch):
     def total(axes):
         """All numbers of the blocks with weights of their own, and the numbers."""
         leaves = jax.tree.leaves(of_patches(cloud, axes).blocks)
-        return sum(jnp.vdot(np.sin(np.arange(leaf.size) + 7.0 * k), leaf) for k, leaf in enumerate(leaves)), leaves
+        return sum(
+            jnp.vdot(np.sin(np.arange(leaf.size) + 7.0 * k), leaf) for k, leaf in enumerate(leaves)
+        ), leaves
 
     def numbers():
         return jax.value_and_grad(total, has_aux=True)(jnp.array([2.3, 1.7]))
@@ -58,7 +70,11 @@ def test_padding_is_inert(monkeypatch):
     once = numbers()
     monkeypatch.setattr(layout, "room", lambda count, least=None: room(2 * count, least))
     monkeypatch.setattr(consistency, "room", layout.room)
-    monkeypatch.setattr(layout, "patches_of_blocks", lambda counts, *others: patches_of_blocks([2 * count for count in counts], *others))
+    monkeypatch.setattr(
+        layout,
+        "patches_of_blocks",
+        lambda counts, *others: patches_of_blocks([2 * count for count in counts], *others),
+    )
     monkeypatch.setattr(layout, "size_of_groups", lambda count: size_of_groups(2 * count))
     cloud = jaxgel.make_cloud(plate((2.4, 1.6)))  # a layout is made once for a cloud
     twice = numbers()
@@ -75,7 +91,10 @@ def test_padding_repeats_the_last_row_of_numbers_and_of_traces():
 
 @pytest.mark.slow
 def test_shape_functions_of_a_similar_plate_are_not_compiled_again():
-    """Neither of a second plate nor their derivatives; what is left is to make its cloud and to cut what was padded."""
+    """Neither of a second plate nor their derivatives.
+
+    What is left is to make its cloud and to cut what was padded.
+    """
     names = []
 
     def hear(event, *_, fun_name="", **__):
@@ -84,7 +103,9 @@ def test_shape_functions_of_a_similar_plate_are_not_compiled_again():
 
     def value_and_slopes(axes):
         cloud = jaxgel.make_cloud(plate(axes))
-        return jax.value_and_grad(lambda axes: jnp.sum(of_patches(cloud, axes).blocks[0].dphi ** 2))(jnp.array(axes))
+        return jax.value_and_grad(
+            lambda axes: jnp.sum(of_patches(cloud, axes).blocks[0].dphi ** 2)
+        )(jnp.array(axes))
 
     value_and_slopes((2.4, 1.6))
     monitoring.register_event_duration_secs_listener(hear)
@@ -102,6 +123,8 @@ def test_layout_pads_without_weight_and_length():
     given, wide = lists.topology.quadrature, layout.layout_of(lists)
     vertices = np.asarray(cloud.vertices)
     np.testing.assert_array_equal(wide.quadrature.weights(vertices)[len(given.owner) :], 0.0)
-    np.testing.assert_array_equal(wide.quadrature.points(vertices)[: len(given.owner)], given.points(vertices))
+    np.testing.assert_array_equal(
+        wide.quadrature.points(vertices)[: len(given.owner)], given.points(vertices)
+    )
     ends = wide.contour.ends[len(lists.contour.ends) :]
     assert len(ends) and np.all(ends[:, 0] == ends[:, 1])

@@ -1,4 +1,4 @@
-"""Facts about Newton's method at one mu: how fast it is from the dry nodes, how each status comes about, and another way to the state."""
+"""Newton's method at one mu: speed from the dry nodes, statuses, another way to the state."""
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +40,10 @@ def state(problem):
 
 @pytest.mark.parametrize(
     ("fixture", "step"),
-    [("tiny_model", 1.0), *(pytest.param("coarse_model", step, marks=pytest.mark.slow) for step in (0.25, 0.5, 1.0))],
+    [
+        ("tiny_model", 1.0),
+        *(pytest.param("coarse_model", step, marks=pytest.mark.slow) for step in (0.25, 0.5, 1.0)),
+    ],
 )
 def test_newton_takes_few_iterations_from_the_dry_nodes_on(fixture, step, request):
     """Each state from the one before, without a predictor, with a new factor in every iteration."""
@@ -60,10 +63,13 @@ def test_equilibrium_has_no_residual_but_on_held_components(problem, state):
     model, gel = problem.model, problem.gel
     force = np.asarray(jax.jit(residual)(state.x, model, gel, -1.5, problem.loads)).ravel()
     free = free_dofs(model.cloud.topology).masters
-    assert np.linalg.norm(force[free]) < 1e-8 * np.linalg.norm(force)  # the constraint's tolerance times the bulk stiffness
+    # the constraint's tolerance times the bulk stiffness
+    assert np.linalg.norm(force[free]) < 1e-8 * np.linalg.norm(force)
     assert state.residual < NEWTON.tolerance
     held = np.delete(np.arange(force.size), free)
-    np.testing.assert_array_equal(np.asarray(state.x).ravel()[held], np.asarray(model.cloud.nodes).ravel()[held])
+    np.testing.assert_array_equal(
+        np.asarray(state.x).ravel()[held], np.asarray(model.cloud.nodes).ravel()[held]
+    )
     np.testing.assert_allclose(state.pressure, state_pressure(state.x, model, gel, -1.5), rtol=1e-7)
 
 
@@ -71,13 +77,14 @@ def test_walls_push_back_with_balanced_forces(problem, state):
     force = np.asarray(jax.jit(residual)(state.x, problem.model, problem.gel, -1.5, problem.loads))
     np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-9 * np.abs(force).max())
     walls = problem.model.cloud.topology.edge_nodes
-    assert np.sum(force[walls["right"], 0]) < 0 < np.sum(force[walls["left"], 0])  # the gel presses outwards
+    # the gel presses outwards
+    assert np.sum(force[walls["right"], 0]) < 0 < np.sum(force[walls["left"], 0])
 
 
 @pytest.mark.slow
 @pytest.mark.smoke
 def test_scipys_minimiser_of_the_energy_finds_the_same_state(problem):
-    """Trust-region minimisation of the total energy over the free degrees of freedom, from the state at a lower mu."""
+    """Trust-region minimisation of the total energy, from the state at a lower mu."""
     model, gel = problem.model, problem.gel
     start = solve(problem, -1.1, *dry_state(problem))
     mine = solve(problem, -1.0, *dry_state(problem))
@@ -100,11 +107,14 @@ def test_scipys_minimiser_of_the_energy_finds_the_same_state(problem):
         method="trust-exact",
         options={"gtol": 1e-12, "maxiter": 500},
     )
-    # it stops where the energy falls by round-off only, at most sqrt(2e-16 / 7e-5) from its minimum; one more step takes that away
+    # it stops where the energy falls by round-off only, at most sqrt(2e-16 / 7e-5) from its
+    # minimum; one more step takes that away
     polished = found.x - np.linalg.solve(hessian(found.x), gradient(found.x))
     np.testing.assert_allclose(found.x, polished, atol=1e-6)
     np.testing.assert_allclose(polished, restrict(np.asarray(mine.x), free), atol=1e-10)
-    assert value(found.x) == pytest.approx(float(energy_at(mine.x, model, gel, -1.0, problem.loads)), rel=1e-12)
+    assert value(found.x) == pytest.approx(
+        float(energy_at(mine.x, model, gel, -1.0, problem.loads)), rel=1e-12
+    )
 
 
 def test_result_does_not_depend_on_the_start(problem, state):
@@ -130,7 +140,8 @@ def test_every_iteration_count_is_bounded_and_bad_starts_are_named(problem):
 def test_diverging_newton_is_named_and_warns_of_nothing(problem):
     """From the dry nodes to nearly the pure solvent in one step."""
     found = solve(problem, -0.1, *dry_state(problem))
-    assert found.status in (Status.NOT_FINITE, Status.NOT_CONVERGED, Status.SINGULAR)  # round-off decides which comes first
+    # round-off decides which comes first
+    assert found.status in (Status.NOT_FINITE, Status.NOT_CONVERGED, Status.SINGULAR)
     assert found.newton_iterations <= NEWTON.max_iterations
 
 
@@ -144,7 +155,9 @@ def test_start_that_is_no_number_is_named(bad, problem):
 def test_tangent_without_stiffness_is_singular(tiny_model):
     """A network without chains: nothing resists a change of shape at constant volume."""
     gel = Gel(Nv=1e-300, chi=1e-4)
-    problem = Problem(tiny_model, gel, loads=jnp.ones_like(tiny_model.cloud.nodes), contact=False).prepared
+    problem = Problem(
+        tiny_model, gel, loads=jnp.ones_like(tiny_model.cloud.nodes), contact=False
+    ).prepared
     found = solve(problem, -2.0, *dry_state(problem))
     assert found.status is Status.SINGULAR
 
@@ -164,7 +177,8 @@ def test_failed_first_state_says_what_to_change():
 def test_plate_that_may_slide_is_refused():
     plate = jaxgel.Plate(1, 1, edges={"left": "free", "right": "free"}, spacing=0.25)
     message = (
-        r"^edges: left free, right free, bottom roller, top roller leave the plate free to slide; hold at least one edge normal to each"
+        r"^edges: left free, right free, bottom roller, top roller leave the plate free to slide; "
+        r"hold at least one edge normal to each"
     )
     with pytest.raises(ValueError, match=message):
         free_dofs(jaxgel.make_cloud(plate).topology)
@@ -188,13 +202,19 @@ def test_plate_that_fills_a_closed_box_is_refused(room, change):
     if room:
         check_room(plate)
     else:
-        with pytest.raises(ValueError, match=r"^edges: left .*leave no room to swell in; add a hole, free an edge or move one outwards$"):
+        with pytest.raises(
+            ValueError,
+            match=(
+                r"^edges: left .*leave no room to swell in; add a hole, free an edge or move one "
+                r"outwards$"
+            ),
+        ):
             check_room(plate)
 
 
 @pytest.mark.parametrize(("condition", "held"), [("roller", 4 * 5), ("fixed", 2 * 16)])
 def test_walls_hold_the_components_they_should(condition, held):
-    """5 x 5 nodes: a roller holds the normal component, at corners that of either edge; a fixed edge holds both."""
+    """5 x 5 nodes: rollers hold the normal component, at corners both; a fixed edge both."""
     topology = jaxgel.make_cloud(jaxgel.Plate(1, 1, edges=condition, spacing=0.25)).topology
     free = free_dofs(topology).masters
     assert len(free) == 50 - held
@@ -202,7 +222,7 @@ def test_walls_hold_the_components_they_should(condition, held):
 
 
 def test_assembly_never_holds_the_matrices_of_all_points(coarse_model):
-    """Of one component each, let alone of four; a step needs less than a fifth of that, on finer clouds a smaller share."""
+    """Of one component each, let alone four; a step needs less than a fifth of that."""
     gel = coarse_model.cloud.plate.gel
     problem = Problem(coarse_model, gel, contact=False).prepared
     x, pressure = dry_state(problem)

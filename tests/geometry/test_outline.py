@@ -35,7 +35,9 @@ HOLES = {
     "superellipse": Superellipse(centre=(0.3, -0.2), semi_axes=(2.0, 1.2), exponent=3.5, angle=0.4),
     "fourier": Fourier(centre=(0.3, -0.2), radius=1.5, cos=(0.1, -0.03), sin=(0.05, 0.08)),
     "rectangle": Rectangle(centre=(0.3, -0.2), sides=(3.0, 2.0), angle=0.4),
-    "polygon": Polygon(vertices=[(-0.9, -1), (1.1, -1), (1.2, 0.3), (0.1, 0.4), (0, 1.5), (-0.9, 1)]),
+    "polygon": Polygon(
+        vertices=[(-0.9, -1), (1.1, -1), (1.2, 0.3), (0.1, 0.4), (0, 1.5), (-0.9, 1)]
+    ),
 }
 each_kind = pytest.mark.parametrize("hole", HOLES.values(), ids=HOLES.keys())
 
@@ -76,10 +78,16 @@ def test_point_derivatives_in_all_parameters_match_central_differences(hole):
     t = np.array([0.0, 0.11, 0.25, 0.5, 0.61, 0.97])  # axis ends among them
     step = 1e-6
     flat, ways = np.asarray(flat), step * np.eye(len(flat))
-    differences = [(points(unravel(flat + e), t) - points(unravel(flat - e), t)) / (2 * step) for e in ways]
-    slopes = [np.asarray(leaf).reshape(len(t), 2, -1) for leaf in jax.tree.leaves(by_parameters(hole, t))]
+    differences = [
+        (points(unravel(flat + e), t) - points(unravel(flat - e), t)) / (2 * step) for e in ways
+    ]
+    slopes = [
+        np.asarray(leaf).reshape(len(t), 2, -1) for leaf in jax.tree.leaves(by_parameters(hole, t))
+    ]
     # central differences: truncation step^2 = 1e-12, round-off 1e-16 / step = 1e-10
-    np.testing.assert_allclose(np.concatenate(slopes, axis=2), np.stack(differences, axis=-1), atol=2e-9)
+    np.testing.assert_allclose(
+        np.concatenate(slopes, axis=2), np.stack(differences, axis=-1), atol=2e-9
+    )
 
 
 @each_kind
@@ -96,26 +104,30 @@ def test_superellipse_derivatives_are_finite_all_round(exponent):
     t = np.linspace(0.0, 1.0, 721)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(by_parameters(hole, t)))
     assert np.isfinite(velocities(hole, t)).all()
-    assert np.isfinite(slope_of_excess(np.zeros(2), hole)).all()  # the centre is where the polar angle is not defined
+    # the centre is where the polar angle is not defined
+    assert np.isfinite(slope_of_excess(np.zeros(2), hole)).all()
 
 
 @each_kind
 def test_outline_is_periodic(hole):
     t = np.array([0.0, 0.125, 0.7])
-    np.testing.assert_allclose(points(hole, t + 1), points(hole, t), atol=1e-14)  # round-off of 2 pi (t + 1)
+    # round-off of 2 pi (t + 1)
+    np.testing.assert_allclose(points(hole, t + 1), points(hole, t), atol=1e-14)
     np.testing.assert_allclose(points(hole, t - 2), points(hole, t), atol=1e-14)
 
 
 @each_kind
 def test_area_is_that_inside_the_anticlockwise_outline(hole):
-    t = (np.arange(12000) + 0.5) / 12000  # midpoint rule, spectral for periodic outlines and exact for straight sides
+    # midpoint rule, spectral for periodic outlines and exact for straight sides
+    t = (np.arange(12000) + 0.5) / 12000
     (x, y), (dx, dy) = points(hole, t).T, velocities(hole, t).T
     np.testing.assert_allclose(hole.area(), np.mean(x * dy - y * dx) / 2, rtol=1e-12)
 
 
 @each_kind
 def test_excess_is_zero_on_the_outline_and_has_the_right_sign_beside_it(hole):
-    np.testing.assert_allclose(excess(hole, outline(hole, 101)), 0.0, atol=1e-14)  # round-off of lengths near 1
+    # round-off of lengths near 1
+    np.testing.assert_allclose(excess(hole, outline(hole, 101)), 0.0, atol=1e-14)
     random = np.random.default_rng(1).uniform(-3, 3, (500, 2))
     inside = shapely.contains_xy(shapely.Polygon(outline(hole, 12000)), random)
     assert np.array_equal(excess(hole, random) < 0, inside)
@@ -176,11 +188,18 @@ def test_unusable_construction_is_refused_by_name(refused):
 
 
 def four_holes():
-    return Plate(20, 10, holes=[Circle((-4, 0), 2.0), Ellipse((4.0, 0.0), (3.0, 2.0))], edges={"top": "free"})
+    return Plate(
+        20, 10, holes=[Circle((-4, 0), 2.0), Ellipse((4.0, 0.0), (3.0, 2.0))], edges={"top": "free"}
+    )
 
 
 def test_edges_left_out_are_rollers():
-    assert dict(four_holes().edges) == {"left": "roller", "right": "roller", "bottom": "roller", "top": "free"}
+    assert dict(four_holes().edges) == {
+        "left": "roller",
+        "right": "roller",
+        "bottom": "roller",
+        "top": "free",
+    }
     assert hash(four_holes().edges) == hash(four_holes().edges)
 
 
@@ -234,7 +253,9 @@ def test_reference_of_a_moved_plate_is_the_plate_it_came_from():
 
 
 def lattice():
-    return Plate(8, 8, holes=[Circle((x, y), 0.9) for x in (-4, -2, 0, 2, 4) for y in (-4, -2, 0, 2, 4)])
+    return Plate(
+        8, 8, holes=[Circle((x, y), 0.9) for x in (-4, -2, 0, 2, 4) for y in (-4, -2, 0, 2, 4)]
+    )
 
 
 def distance_to_edge(plate, points, edge):
@@ -260,7 +281,9 @@ def test_arc_ends_lie_on_their_edges_to_round_off():
             assert np.abs(middle).max() < 4
 
 
-@pytest.mark.parametrize("kind", ["circle", "ellipse", "superellipse", "fourier", "rectangle", "polygon"])
+@pytest.mark.parametrize(
+    "kind", ["circle", "ellipse", "superellipse", "fourier", "rectangle", "polygon"]
+)
 @pytest.mark.parametrize("edge", ["left", "right", "bottom", "top"])
 def test_arc_ends_stay_on_the_edge_when_the_hole_moves_and_grows(kind, edge):
     axis, coordinate = edge_lines(Plate(20, 10))[edge]
@@ -269,7 +292,11 @@ def test_arc_ends_stay_on_the_edge_when_the_hole_moves_and_grows(kind, edge):
     shift[axis] = coordinate + 0.1
 
     def moved(by, factor):
-        size = {name: factor * np.asarray(hole.theta[name]) for name in ("radius", "semi_axes", "sides", "vertices") if name in hole.theta}
+        size = {
+            name: factor * np.asarray(hole.theta[name])
+            for name in ("radius", "semi_axes", "sides", "vertices")
+            if name in hole.theta
+        }
         place = "vertices" if kind == "polygon" else "centre"
         theta = hole.theta | size
         return theta | {place: np.asarray(theta[place]) + by}
@@ -279,7 +306,8 @@ def test_arc_ends_stay_on_the_edge_when_the_hole_moves_and_grows(kind, edge):
     other = plate.at((moved(shift + np.array([0.2, -0.15]), 1.2),))
     for placed in (plate, other):
         line = np.asarray(arc_points(placed, arc, np.linspace(0.0, 1.0, 33)))
-        assert distance_to_edge(placed, line[[0, -1]], edge) < 1e-13  # a few roundings of coordinates near 10
+        # a few roundings of coordinates near 10
+        assert distance_to_edge(placed, line[[0, -1]], edge) < 1e-13
         assert (np.abs(line) < [10 + 1e-12, 5 + 1e-12]).all()
 
 
@@ -287,12 +315,17 @@ def test_derivatives_of_a_cut_end_match_the_circle():
     plate = Plate(20, 10, holes=[Circle((-9.0, 0.0), 2.0)])
     (arc,) = arcs(plate)
 
-    def height(radius, x):  # the arc is anticlockwise, so it ends at the upper crossing: y^2 = r^2 - (x + 10)^2
-        return arc_points(plate.at(({"radius": radius, "centre": jnp.stack([x, 0.0])},)), arc, [1.0])[0, 1]
+    # the arc is anticlockwise, so it ends at the upper crossing: y^2 = r^2 - (x + 10)^2
+    def height(radius, x):
+        return arc_points(
+            plate.at(({"radius": radius, "centre": jnp.stack([x, 0.0])},)), arc, [1.0]
+        )[0, 1]
 
     r, x, y = 2.2, -9.1, np.sqrt(2.2**2 - 0.9**2)
     np.testing.assert_allclose(height(r, x), y, rtol=1e-14)
-    np.testing.assert_allclose(jax.jit(jax.grad(height, (0, 1)))(r, x), (r / y, -0.9 / y), rtol=1e-13)
+    np.testing.assert_allclose(
+        jax.jit(jax.grad(height, (0, 1)))(r, x), (r / y, -0.9 / y), rtol=1e-13
+    )
     np.testing.assert_allclose(jax.jit(jax.hessian(height))(r, x), 1 / y - r**2 / y**3, rtol=1e-12)
     np.testing.assert_allclose(jax.jit(jax.jacfwd(height))(r, x), r / y, rtol=1e-13)
 
@@ -315,7 +348,8 @@ def test_hole_that_touches_the_edge_in_a_point_is_whole():
 
 @pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9])
 def test_slight_cuts_between_samples_are_found(depth):
-    hole = Ellipse((3.1 + depth, 0.1), (0.9, 0.9), angle=0.0011)  # a circle turned by a third of the distance of the samples
+    # a circle turned by a third of the distance of the samples
+    hole = Ellipse((3.1 + depth, 0.1), (0.9, 0.9), angle=0.0011)
     (arc,) = arcs(Plate(8, 8, holes=[hole]))
     assert (arc.start_edge, arc.end_edge) == ("right", "right")
     cap = np.arccos(1 - (3.1 + depth + 0.9 - 4) / 0.9) / np.pi
@@ -357,12 +391,21 @@ def test_pieces_between_corners_have_equal_length(hole, cut):
         assert len(s) == (n if arc.closed else n + 1)
         t = arc.start + np.append(s, 1.0)[: n + 1] * (arc.end - arc.start)
         own = functools.partial(speed, hole)
-        lengths = np.array([quad(own, a, b, epsabs=1e-13, epsrel=1e-13)[0] for a, b in itertools.pairwise(t)])
-        stops = [arc.start, *sorted(c + k for c in hole.corners for k in (0, 1) if arc.start < c + k < arc.end), arc.end]
-        assert np.isclose(np.asarray(stops)[:, None], t[None], rtol=0, atol=1e-14).any(axis=1).all()  # corners are cuts
+        lengths = np.array(
+            [quad(own, a, b, epsabs=1e-13, epsrel=1e-13)[0] for a, b in itertools.pairwise(t)]
+        )
+        stops = [
+            arc.start,
+            *sorted(c + k for c in hole.corners for k in (0, 1) if arc.start < c + k < arc.end),
+            arc.end,
+        ]
+        # corners are cuts
+        assert np.isclose(np.asarray(stops)[:, None], t[None], rtol=0, atol=1e-14).any(axis=1).all()
         stretch = np.searchsorted(np.asarray(stops) + 1e-9, t[:-1] + 2e-9)
         for k in np.unique(stretch):
-            np.testing.assert_allclose(lengths[stretch == k], lengths[stretch == k].mean(), rtol=1e-10)
+            np.testing.assert_allclose(
+                lengths[stretch == k], lengths[stretch == k].mean(), rtol=1e-10
+            )
 
 
 def test_ellipse_is_cut_where_the_elliptic_integral_says():
@@ -370,7 +413,9 @@ def test_ellipse_is_cut_where_the_elliptic_integral_says():
     s = equal_arc_length(plate, arcs(plate)[0], 40)
     # with b > a the length from the end of the first axis is b E(phi | 1 - a^2/b^2)
     lengths = 3.0 * ellipeinc(2 * np.pi * s, 1 - 4 / 9)
-    np.testing.assert_allclose(lengths, np.arange(40) / 40 * 3.0 * ellipeinc(2 * np.pi, 1 - 4 / 9), atol=1e-12)
+    np.testing.assert_allclose(
+        lengths, np.arange(40) / 40 * 3.0 * ellipeinc(2 * np.pi, 1 - 4 / 9), atol=1e-12
+    )
 
 
 def test_intervals_go_with_the_side_lengths():
@@ -387,7 +432,9 @@ def test_intervals_go_with_the_side_lengths():
 def test_points_on_the_outline_count_as_inside():
     holes = [Circle((-5, 0), 2.0), Rectangle((5, 0), (2.0, 2.0))]
     plate = Plate(20, 10, holes=holes)
-    grid = np.array([[-3.0, 0.0], [-3.0 + 1e-9, 0.0], [4.0, 0.5], [6.0, 1.0], [6.0, 1.0 + 1e-6], [0.0, 0.0]])
+    grid = np.array(
+        [[-3.0, 0.0], [-3.0 + 1e-9, 0.0], [4.0, 0.5], [6.0, 1.0], [6.0, 1.0 + 1e-6], [0.0, 0.0]]
+    )
     assert inside_holes(plate, grid).tolist() == [True, False, True, True, False, False]
     assert inside_holes(plate, grid, 1e-8).tolist() == [True, True, True, True, False, False]
     assert inside_holes(Plate(1, 1), grid).tolist() == [False] * 6
@@ -411,15 +458,27 @@ def test_check_refuses_in_one_line(refused):
             ([Superellipse((0, 0), (1, 1), 0.5)], r"holes\[0\].exponent: 0.5"),
             ([Circle((7, 0), 1)], r"holes\[0\]: it lies outside"),
             ([Circle((0, 0), 9)], r"holes\[0\]: it covers the whole plate"),
-            ([Circle((0, 0), 1), Circle((-3, 0), 1), Circle((1.5, 0), 1)], r"holes\[0\], holes\[2\]: they overlap or touch"),
-            ([Circle((0, 0), 1), Circle((2, 0), 1)], r"holes\[0\], holes\[1\]: they overlap or touch"),
+            (
+                [Circle((0, 0), 1), Circle((-3, 0), 1), Circle((1.5, 0), 1)],
+                r"holes\[0\], holes\[2\]: they overlap or touch",
+            ),
+            (
+                [Circle((0, 0), 1), Circle((2, 0), 1)],
+                r"holes\[0\], holes\[1\]: they overlap or touch",
+            ),
             ([Circle((0, 0), 2), Circle((0, 0), 1)], r"holes\[0\], holes\[1\]"),
-            ([Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])], r"holes\[0\]: its outline crosses itself"),
+            (
+                [Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])],
+                r"holes\[0\]: its outline crosses itself",
+            ),
             ([Polygon([(0, 0), (0, 1), (1, 0)])], r"holes\[0\]: .*clockwise"),
             ([Polygon([(0, 0), (1, 0)])], r"holes\[0\].vertices"),
             ([Fourier((0, 0), 1.0, (1.5,), (0.0,))], r"holes\[0\]: its outline crosses itself"),
             ([Rectangle((0, 0), (2.0, 12.0))], "cut the plate into 2 parts"),
-            ([Rectangle((0, 4), (2.0, 2.0))], r"holes\[0\]: its side 2 lies along the plate's edge"),
+            (
+                [Rectangle((0, 4), (2.0, 2.0))],
+                r"holes\[0\]: its side 2 lies along the plate's edge",
+            ),
         ],
     )
 

@@ -1,4 +1,4 @@
-"""Facts about exported gels: their area is that of the gel, its dry area times the mean volume ratio; files are in test_drawings."""
+"""Area of exported gels: dry area times mean volume ratio; files are in test_drawings."""
 
 import functools
 from types import SimpleNamespace
@@ -39,21 +39,37 @@ class States(SimpleNamespace):
 
 @functools.cache
 def swollen(name):
-    """A state with bent edges where the plate's edges let them bend, and the area of its gel by the cells."""
+    """A state with edges bent where they can, and the area of its gel by the cells."""
     plate = jaxgel.Plate(4, 4, **PLATES[name], spacing=0.4, nodes_per_hole=24)
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
     X = np.asarray(model.cloud.nodes)
     x, y = X.T
     if plate.edges["left"] == "periodic":
-        bend = np.stack([0.1 * np.cos(np.pi * y) + 0.1 * np.sin(np.pi * x / 2), 0.1 * np.sin(np.pi * x)], axis=1)
+        bend = np.stack(
+            [0.1 * np.cos(np.pi * y) + 0.1 * np.sin(np.pi * x / 2), 0.1 * np.sin(np.pi * x)], axis=1
+        )
     elif plate.edges["right"] == "roller":
-        bend = 0.1 * np.stack([np.sin(np.pi * x / 2) * np.cos(np.pi * y / 4), np.sin(np.pi * y / 2) * np.cos(np.pi * x / 4)], axis=1)
+        bend = 0.1 * np.stack(
+            [
+                np.sin(np.pi * x / 2) * np.cos(np.pi * y / 4),
+                np.sin(np.pi * y / 2) * np.cos(np.pi * x / 4),
+            ],
+            axis=1,
+        )
     else:
-        bend = np.stack([(x + 2) * (0.05 + 0.08 * np.cos(np.pi * y / 4)), (y + 2) * (0.05 + 0.08 * np.cos(np.pi * x / 4))], axis=1)
+        bend = np.stack(
+            [
+                (x + 2) * (0.05 + 0.08 * np.cos(np.pi * y / 4)),
+                (y + 2) * (0.05 + 0.08 * np.cos(np.pi * x / 4)),
+            ],
+            axis=1,
+        )
     bend = np.where(held_dofs(model.lists.topology), 0.0, bend)
     x = jnp.asarray(X @ np.array(plate.dry_deformation).T + bend)
     states = States(model=model, x=x[None], value=np.zeros(1), control=ChemicalPotential())
-    return states, float(np.asarray(cell_volumes(model)) @ np.asarray(jaxgel.volume_ratio(states))[0])
+    return states, float(
+        np.asarray(cell_volumes(model)) @ np.asarray(jaxgel.volume_ratio(states))[0]
+    )
 
 
 def area_of_picture(file, gel):
@@ -62,7 +78,10 @@ def area_of_picture(file, gel):
     return grey.mean() * (right - left) * (high - low)
 
 
-@pytest.mark.parametrize("name", [*SOME, *(pytest.param(name, marks=pytest.mark.slow) for name in PLATES if name not in SOME)])
+@pytest.mark.parametrize(
+    "name",
+    [*SOME, *(pytest.param(name, marks=pytest.mark.slow) for name in PLATES if name not in SOME)],
+)
 def test_exported_gel_has_the_area_of_its_cells(name):
     """To 3e-4: chords of outlines miss 5e-5, and 2e-4 of the gel around the large hole."""
     states, area = swollen(name)
@@ -70,20 +89,26 @@ def test_exported_gel_has_the_area_of_its_cells(name):
     assert gel.is_valid
     assert gel.area == pytest.approx(area, rel=3e-4)
     dry = float(np.sum(cell_volumes(states.model)))
-    assert dry_gel(states.model.cloud.topology.plate).area == pytest.approx(dry, rel=2e-5)  # 720 chords of an outline
+    # 720 chords of an outline
+    assert dry_gel(states.model.cloud.topology.plate).area == pytest.approx(dry, rel=2e-5)
 
 
 @pytest.mark.parametrize("name", ["free, edge", "periodic"])
 def test_triangles_of_paraview_files_have_the_area_of_the_cells(name):
-    """To 1e-3: sides of triangles are chords of a free edge, which bends by 0.3 mm over ten of them."""
+    """To 1e-3: triangle sides are chords of a free edge that bends 0.3 mm over ten of them."""
     states, area = swollen(name)
-    vertices, triangles = np.asarray(deformed_vertices(states))[0], np.asarray(states.model.cloud.triangles)
+    vertices, triangles = (
+        np.asarray(deformed_vertices(states))[0],
+        np.asarray(states.model.cloud.triangles),
+    )
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
-    assert np.sum(np.linalg.det(np.stack([b - a, c - a], axis=1))) / 2 == pytest.approx(area, rel=1e-3)
+    assert np.sum(np.linalg.det(np.stack([b - a, c - a], axis=1))) / 2 == pytest.approx(
+        area, rel=1e-3
+    )
 
 
 def test_pictures_hold_the_area_of_the_gel(tmp_path):
-    """Each pixel has the share that the gel covers, to half a grey value, 2e-3 of the pixels on the outline."""
+    """Each pixel's share of gel to half a grey value, 2e-3 of the pixels on the outline."""
     states, area = swollen("moved, corner")
     gel = swollen_gel(states, 0)
     file = write_outline(gel, tmp_path / "wet.png", pixels_per_mm=20.0)
@@ -92,7 +117,9 @@ def test_pictures_hold_the_area_of_the_gel(tmp_path):
 
 def test_a_hole_that_crosses_the_plates_edge_is_refused():
     states, _ = swollen("more hole than gel")
-    far = States(model=states.model, x=1.5 * states.x, value=np.zeros(1), control=ChemicalPotential())
+    far = States(
+        model=states.model, x=1.5 * states.x, value=np.zeros(1), control=ChemicalPotential()
+    )
     far.x = jnp.where(held_dofs(states.model.lists.topology), states.x, far.x)
     with pytest.raises(ValueError, match=r"^state: the outline at mu = 0 crosses itself$"):
         swollen_gel(far, 0)

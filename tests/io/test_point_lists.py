@@ -1,4 +1,7 @@
-"""Lists of points as spreadsheets, pandas, NumPy and MATLAB write them: the outlines in them, or a refusal that names the row."""
+"""Lists of points by spreadsheets, pandas, NumPy and MATLAB: outlines, or refused rows.
+
+A refusal names the row.
+"""
 
 import codecs
 from collections import Counter
@@ -45,13 +48,28 @@ TAKEN = {  # content: areas
     "centimetres": ("x_cm,y_cm\n" + rows(HOUSE), [300]),
     "micrometres": ("x / µm\ty / µm\n" + rows(HOUSE, "\t"), [3e-6]),
     "coordinates": ("x-coordinate,y-coordinate\n" + rows(HOUSE), [3]),
-    "index of pandas": (",x,y\n" + "".join(f"{k},{x},{y}\n" for k, (x, y) in enumerate(HOUSE)), [3]),
-    "index after the points": ("x,y,n\n" + "".join(f"{x},{y},{k}\n" for k, (x, y) in enumerate(HOUSE)), [3]),
-    "id of the points": ("id,y,x\n" + "".join(f"{k},{y},{x}\n" for k, (x, y) in enumerate(HOUSE)), [3]),
-    "name of the shapes": ("shape,x,y\n" + rows(HOUSE, before="house,") + rows(TENT, before="tent,"), [3, 8]),
+    "index of pandas": (
+        ",x,y\n" + "".join(f"{k},{x},{y}\n" for k, (x, y) in enumerate(HOUSE)),
+        [3],
+    ),
+    "index after the points": (
+        "x,y,n\n" + "".join(f"{x},{y},{k}\n" for k, (x, y) in enumerate(HOUSE)),
+        [3],
+    ),
+    "id of the points": (
+        "id,y,x\n" + "".join(f"{k},{y},{x}\n" for k, (x, y) in enumerate(HOUSE)),
+        [3],
+    ),
+    "name of the shapes": (
+        "shape,x,y\n" + rows(HOUSE, before="house,") + rows(TENT, before="tent,"),
+        [3, 8],
+    ),
     "one name of all": ("part,x,y\n" + rows(HOUSE, before="1,"), [3]),
     "blank row": (rows(HOUSE) + "\n" + rows(TENT), [3, 8]),
-    "blank rows and comments": ("# house\n" + rows(HOUSE) + "\n\n# tent\n" + rows(TENT) + "\n", [3, 8]),
+    "blank rows and comments": (
+        "# house\n" + rows(HOUSE) + "\n\n# tent\n" + rows(TENT) + "\n",
+        [3, 8],
+    ),
     "blank row of a spreadsheet": ("x,y\n" + rows(HOUSE) + ",\n" + rows(TENT) + ",,\n", [3, 8]),
     "row of nan": (rows(HOUSE) + "NaN,NaN\n" + rows(TENT), [3, 8]),
     "names of each shape": ("x,y\n" + rows(HOUSE) + "\nx,y\n" + rows(TENT), [3, 8]),
@@ -66,20 +84,35 @@ REFUSED = {
     "names alone": ("x,y\n", "it has no points"),
     "three columns": (
         "1,2,3\n4,5,6\n",
-        "row 1: number of columns 3; give two columns x and y, or more with a first row that names x and y",
+        (
+            "row 1: number of columns 3; give two columns x and y, or more with a first row that "
+            "names x and y"
+        ),
     ),
-    "other names": ("a,b\n1,2\n", "row 1: no columns x and y among 'a', 'b'; give two columns x and y, or more .*"),
+    "other names": (
+        "a,b\n1,2\n",
+        "row 1: no columns x and y among 'a', 'b'; give two columns x and y, or more .*",
+    ),
     "a name twice": ("x,y,x\n1,2,3\n", "row 1: no columns x and y among 'x', 'y', 'x'; .*"),
     "decimal commas": ("1,5;2,0\n", "row 1: '1,5 2,0' has decimal commas; write decimal points"),
-    "decimal commas after names": ("x;y\n1;2\n1,5;2\n", "row 3: '1,5 2' has decimal commas; write decimal points"),
-    "decimal commas between blanks": ("1,5 2,0\n", "row 1: '1,5 2,0' has decimal commas; write decimal points"),
+    "decimal commas after names": (
+        "x;y\n1;2\n1,5;2\n",
+        "row 3: '1,5 2' has decimal commas; write decimal points",
+    ),
+    "decimal commas between blanks": (
+        "1,5 2,0\n",
+        "row 1: '1,5 2,0' has decimal commas; write decimal points",
+    ),
     "a word": ("0,0\n\n# c\n1,one\n", "row 4: 'one' is not a finite number"),
     "a word in the first row": ("0,a\n", "row 1: 'a' is not a finite number"),
     "half a point": ("0,0\n1\n", "row 2: number of columns 1; .*"),
     "a point without x": ("0,0\n,1\n", "row 2: '' is not a finite number"),
     "nan": ("0,0\n1,nan\n", "row 2: 'nan' is not a finite number"),
     "a third number": ("x,y\n0,0,5\n", "row 2: number of columns 3; the first row names 2"),
-    "another coding": ("größe;x\n".encode("latin-1"), "byte 2 is not UTF-8; save the file as UTF-8"),
+    "another coding": (
+        "größe;x\n".encode("latin-1"),
+        "byte 2 is not UTF-8; save the file as UTF-8",
+    ),
 }
 
 
@@ -87,8 +120,12 @@ def test_outlines_of_a_list_of_points(tmp_path):
     centre = np.array(shapely.Polygon(HOUSE).centroid.coords[0])
     for name, (content, areas) in TAKEN.items():
         drawing = read(content, tmp_path)
-        assert [shapely.Polygon(line).area for line in drawing.outlines] == pytest.approx(areas), name
-        assert shapely.Polygon(drawing.outlines[0]).centroid.coords[0] == pytest.approx(np.sqrt(areas[0] / 3) * centre), name
+        assert [shapely.Polygon(line).area for line in drawing.outlines] == pytest.approx(areas), (
+            name
+        )
+        assert shapely.Polygon(drawing.outlines[0]).centroid.coords[0] == pytest.approx(
+            np.sqrt(areas[0] / 3) * centre
+        ), name
         assert not drawing.omissions, name
 
 
@@ -97,9 +134,13 @@ def test_list_that_is_not_of_points_is_refused_with_its_row(tmp_path, refused):
 
 
 def test_what_is_not_taken_of_a_list_is_counted(tmp_path):
-    drawing = read("x,y,z\n" + "".join(f"{x},{y},0.5\n" for x, y in HOUSE) + "\n1,2,0.5\n3,4,0.5\n", tmp_path)
+    drawing = read(
+        "x,y,z\n" + "".join(f"{x},{y},0.5\n" for x, y in HOUSE) + "\n1,2,0.5\n3,4,0.5\n", tmp_path
+    )
     assert len(drawing.outlines) == 1
-    assert drawing.omissions == Counter({Omission("column", "z", "not x or y"): 1, Omission("points", "", "fewer than 3"): 2})
+    assert drawing.omissions == Counter(
+        {Omission("column", "z", "not x or y"): 1, Omission("points", "", "fewer than 3"): 2}
+    )
 
 
 def test_square_far_from_the_origin_keeps_its_corners(tmp_path):
@@ -113,6 +154,9 @@ def test_square_far_from_the_origin_keeps_its_corners(tmp_path):
 
 def test_case_file_with_a_byte_order_mark_loads(tmp_path):
     (tmp_path / "points.csv").write_text("\ufeff" + rows(HOUSE), encoding="utf-8")
-    text = "[plate]\nwidth = 9.0\nheight = 9.0\n[[holes]]\nkind = 'outline'\nfile = 'points.csv'\nfit = 'polygon'\n"
+    text = (
+        "[plate]\nwidth = 9.0\nheight = 9.0\n[[holes]]\nkind = 'outline'\nfile = 'points.csv'\n"
+        "fit = 'polygon'\n"
+    )
     (tmp_path / "case.toml").write_text("\ufeff" + text, encoding="utf-8")
     assert float(load_case(tmp_path / "case.toml").plate.holes[0].area()) == pytest.approx(3)

@@ -1,4 +1,4 @@
-"""Facts about sparse symmetric systems in the pattern of a small model's tangent, against dense linear algebra."""
+"""Sparse symmetric systems in a small model's pattern, against dense linear algebra."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,11 @@ def pattern(lists):
 
 
 def arguments(lists):
-    return node_pairs(lists)[0], lists.topology.partition.vertices[lists.topology.node_vertices], free_dofs(lists.topology).masters
+    return (
+        node_pairs(lists)[0],
+        lists.topology.partition.vertices[lists.topology.node_vertices],
+        free_dofs(lists.topology).masters,
+    )
 
 
 def random_pairs(pattern, seed, shift=0.0):
@@ -75,7 +79,10 @@ def test_pairs_are_the_nodes_that_share_a_cell(lists):
 
 @pytest.mark.parametrize("seed", range(30))
 def test_inertia_and_solution_of_random_symmetric_matrices(seed, pattern):
-    """From indefinite (no shift) to nearly definite ones; without pivoting the refinement repairs the growth of round-off."""
+    """From indefinite (no shift) to nearly definite ones.
+
+    Without pivoting the refinement repairs the growth of round-off.
+    """
     blocks = random_pairs(pattern, seed, shift=float(seed % 10) * 2)
     K = dense(pattern, blocks)
     made = factor(pattern, blocks)
@@ -83,18 +90,24 @@ def test_inertia_and_solution_of_random_symmetric_matrices(seed, pattern):
     rhs = np.random.default_rng(100 + seed).normal(size=len(K))
     solution, error = made.solve(rhs)
     assert error < 1e-8
-    assert np.linalg.norm(K @ solution - rhs) < 1e-11 * np.linalg.norm(K, 2) * np.linalg.norm(solution)
+    assert np.linalg.norm(K @ solution - rhs) < 1e-11 * np.linalg.norm(K, 2) * np.linalg.norm(
+        solution
+    )
 
 
 def test_several_right_hand_sides_at_once(pattern):
     made = factor(pattern, random_pairs(pattern, 1, shift=30.0))
     rhs = np.random.default_rng(2).normal(size=(len(pattern.free), 3))
     together, _ = made.solve(rhs)
-    np.testing.assert_allclose(together, np.stack([made.solve(b)[0] for b in rhs.T], axis=1), atol=1e-14)
+    np.testing.assert_allclose(
+        together, np.stack([made.solve(b)[0] for b in rhs.T], axis=1), atol=1e-14
+    )
 
 
 def test_zero_right_hand_side_has_the_zero_solution(pattern):
-    solution, error = factor(pattern, random_pairs(pattern, 3, shift=30.0)).solve(np.zeros(len(pattern.free)))
+    solution, error = factor(pattern, random_pairs(pattern, 3, shift=30.0)).solve(
+        np.zeros(len(pattern.free))
+    )
     assert error == 0.0
     assert np.all(solution == 0)
 
@@ -133,7 +146,10 @@ def rank_one(pattern):
     return np.ones((pattern.n_pairs, 2, 2))
 
 
-@pytest.mark.parametrize("make", [no_stiffness_along_one_component, lambda pattern: np.zeros((pattern.n_pairs, 2, 2)), rank_one])
+@pytest.mark.parametrize(
+    "make",
+    [no_stiffness_along_one_component, lambda pattern: np.zeros((pattern.n_pairs, 2, 2)), rank_one],
+)
 def test_singular_matrices_are_detected(make, pattern):
     rhs = np.random.default_rng(12).normal(size=len(pattern.free))
     with pytest.raises(SingularTangent):
@@ -154,13 +170,15 @@ def test_a_bordered_matrix_is_solved(pattern):
     rhs, lower = random.normal(size=len(pattern.free)), random.normal(size=1)
     side, row = random.normal(size=(2, len(rhs), 1))
     wider = np.block([[dense(pattern, blocks), side], [row.T, np.zeros((1, 1))]])
-    found = np.concatenate(Bordered.of(factor(pattern, blocks), side, row, np.zeros((1, 1))).solve(rhs, lower))
+    found = np.concatenate(
+        Bordered.of(factor(pattern, blocks), side, row, np.zeros((1, 1))).solve(rhs, lower)
+    )
     wanted = np.linalg.solve(wider, np.append(rhs, lower))
     np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_floating_plate_is_singular_or_answers_with_a_huge_translation(tiny_model):
-    """The Laplacian of all nodes has the translations in its kernel; round-off may leave it a last pivot of 1e-16."""
+    """The Laplacian of all nodes has translations in its kernel; a last pivot may be 1e-16."""
     pairs, points, _ = arguments(tiny_model.lists)
     every = analyse(pairs, points, np.arange(2 * tiny_model.n_nodes))
     laplacian = Problem(tiny_model, Gel(Nv=1.0)).network[:, None, None] * np.eye(2)
@@ -169,7 +187,9 @@ def test_floating_plate_is_singular_or_answers_with_a_huge_translation(tiny_mode
     except SingularTangent:
         return
     assert np.abs(solution).min() > 1e12
-    np.testing.assert_allclose(solution.reshape(-1, 2), np.broadcast_to(solution[:2], (tiny_model.n_nodes, 2)), rtol=1e-3)
+    np.testing.assert_allclose(
+        solution.reshape(-1, 2), np.broadcast_to(solution[:2], (tiny_model.n_nodes, 2)), rtol=1e-3
+    )
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -1,4 +1,4 @@
-"""Homogeneous states, limits of stability and coexisting phases against root finding and equal areas on formulas typed again."""
+"""Homogeneous states, spinodals and coexistence, against root finding and equal areas."""
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,12 @@ from jaxgel.materials import (
     uniaxial_swelling,
 )
 
-NETWORK = {"isotropic": lambda J: J ** (-1 / 3), "plane strain": lambda J: 1.0, "uniaxial": lambda J: J}  # stretch over the other two
+# stretch over the other two
+NETWORK = {
+    "isotropic": lambda J: J ** (-1 / 3),
+    "plane strain": lambda J: 1.0,
+    "uniaxial": lambda J: J,
+}
 FIRST = {
     "isotropic": lambda *a: isotropic_swelling(*a) ** 3,
     "plane strain": lambda *a: free_swelling(*a) ** 2,
@@ -38,10 +43,19 @@ def slow(cases):
 
 
 def slope(J, temperature, Nv, swelling):
-    """W'(J) after Cai & Suo (2011): the stress of the network in a swelling direction over the other two stretches, and the mixture."""
+    """W'(J) after Cai & Suo (2011): network stress over two stretches, and the mixture.
+
+    The stress is that in a swelling direction, over the other two stretches.
+    """
     kelvin = temperature + 273.15
     chi0, chi1 = -12.947 + 0.04496 * kelvin, 17.92 - 0.0569 * kelvin
-    return Nv * (NETWORK[swelling](J) - 1 / J) + np.log1p(-1 / J) + 1 / J + (chi0 - chi1) / J**2 + 2 * chi1 / J**3
+    return (
+        Nv * (NETWORK[swelling](J) - 1 / J)
+        + np.log1p(-1 / J)
+        + 1 / J
+        + (chi0 - chi1) / J**2
+        + 2 * chi1 / J**3
+    )
 
 
 def temperature_of(J, Nv, swelling, mu=0.0):
@@ -52,15 +66,20 @@ def temperature_of(J, Nv, swelling, mu=0.0):
 
 def roots(function, J):
     values = function(J)
-    return [brentq(function, J[k], J[k + 1], xtol=1e-14, rtol=1e-14) for k in np.flatnonzero(values[:-1] * values[1:] < 0)]
+    return [
+        brentq(function, J[k], J[k + 1], xtol=1e-14, rtol=1e-14)
+        for k in np.flatnonzero(values[:-1] * values[1:] < 0)
+    ]
 
 
 def states(temperature, Nv, swelling, mu=0.0):
-    return roots(lambda J: slope(J, temperature, Nv, swelling) - mu, 1 + np.geomspace(1e-6, 1e3, 4000))
+    return roots(
+        lambda J: slope(J, temperature, Nv, swelling) - mu, 1 + np.geomspace(1e-6, 1e3, 4000)
+    )
 
 
 def extremes(Nv, swelling, mu=0.0):
-    """The limits (temperature, J), lower one first: the least and the largest temperature of the curve T(J) between its ends."""
+    """The limits (temperature, J), lower first: least and largest T(J) between its ends."""
     scan = 1 + np.geomspace(0.15, 100, 4000)  # at J = 1.117 no temperature matters
     T = temperature_of(scan, Nv, swelling, mu)
     found = []
@@ -77,34 +96,49 @@ def extremes(Nv, swelling, mu=0.0):
 
 
 def equal_areas(Nv, swelling, low, high):
-    """The temperature between the limits at which the areas on either side of mu = 0 are equal, by quadrature."""
+    """Temperature of equal areas on either side of mu = 0, between the limits, by quadrature."""
 
     def area(temperature):
         first, _, last = states(temperature, Nv, swelling)
-        return quad(slope, first, last, args=(temperature, Nv, swelling), epsabs=1e-15, epsrel=1e-13, limit=200)[0]
+        return quad(
+            slope,
+            first,
+            last,
+            args=(temperature, Nv, swelling),
+            epsabs=1e-15,
+            epsrel=1e-13,
+            limit=200,
+        )[0]
 
     inside = 0.05 * (high - low)  # three states on either side
     return brentq(area, low + inside, high - inside, xtol=1e-13)
 
 
-# --- states --------------------------------------------------------------------------------------------------------------------
+# --- states ---------------------------------------------------------------------------------------
 
 
 FEW = (31.9, 45.0)  # three states and one
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("Nv", "swelling", "temperatures"),
     [
         *((Nv, swelling, FEW) for Nv, swelling in (CASE, OTHERS[1])),
-        *(pytest.param(*case, (15.0, 30.71, 31.9, 32.2, 33.0, 45.0), marks=pytest.mark.slow) for case in (CASE, *OTHERS, *MORE)),
+        *(
+            pytest.param(*case, (15.0, 30.71, 31.9, 32.2, 33.0, 45.0), marks=pytest.mark.slow)
+            for case in (CASE, *OTHERS, *MORE)
+        ),
     ],
 )
 def test_all_states_of_pnipam_are_those_of_scalar_root_finding(Nv, swelling, temperatures):
     counts = set()
     for temperature in temperatures:
         for mu in (0.0, -0.001):
-            found, expected = homogeneous_states(Pnipam(Nv, temperature), mu, swelling), states(temperature, Nv, swelling, mu)
+            found, expected = (
+                homogeneous_states(Pnipam(Nv, temperature), mu, swelling),
+                states(temperature, Nv, swelling, mu),
+            )
             np.testing.assert_allclose(found.J, expected, rtol=1e-10)
             np.testing.assert_array_equal(found.stable, [True, False, True][: len(expected)])
             from_dry = FIRST[swelling](mu, Pnipam(Nv, temperature))
@@ -112,7 +146,8 @@ def test_all_states_of_pnipam_are_those_of_scalar_root_finding(Nv, swelling, tem
             if np.all(np.diff(on_the_way) > 0):
                 np.testing.assert_allclose(from_dry, found.J[0], rtol=1e-10)
             else:
-                assert np.isnan(from_dry)  # the state connected with the dry one has ended at a lower mu
+                # the state connected with the dry one has ended at a lower mu
+                assert np.isnan(from_dry)
             counts.add(len(expected))
     assert counts == {1, 3}
 
@@ -122,6 +157,7 @@ def test_the_swollen_state_is_the_phase_below_the_transition_and_the_shrunken_on
         assert np.argmin(homogeneous_states(Pnipam(temperature=temperature)).energy) == phase
 
 
+@pytest.mark.slow
 def test_gels_that_lock_have_states_up_to_straight_chains():
     gel = Gel(1e-3, 0.1, network=Gent(20.0))
     found = homogeneous_states(gel, 0.0, "plane strain")
@@ -132,22 +168,28 @@ def test_a_gel_without_a_state_has_none():
     assert homogeneous_states(Gel(1e-3, 0.1), 0.01, "plane strain").J.shape == (0,)  # mu > Nv
 
 
-# --- limits of stability and coexistence ---------------------------------------------------------------------------------------
+# --- limits of stability and coexistence ----------------------------------------------------------
 
 
 @pytest.mark.parametrize(("Nv", "swelling"), [CASE, *slow([*OTHERS, *MORE])])
 def test_phases_end_at_extremes_of_the_temperature_and_coexist_where_areas_are_equal(Nv, swelling):
-    """Solutions of PNIPAM separate at 32 degrees (Heskins & Guillet, 1968), and gels shrink at 32 to 34."""
+    """PNIPAM solutions separate at 32 degrees (Heskins & Guillet, 1968), gels shrink at 32-34."""
 
     def gel(T):
         return Pnipam(Nv, T)
 
-    found, expected = limits_of_stability(gel, between=RANGE, swelling=swelling), np.array(extremes(Nv, swelling))
+    found, expected = (
+        limits_of_stability(gel, between=RANGE, swelling=swelling),
+        np.array(extremes(Nv, swelling)),
+    )
     np.testing.assert_allclose(found.control, expected[:, 0], rtol=0, atol=1e-8)
-    np.testing.assert_allclose(found.J, expected[:, 1], rtol=1e-5)  # a minimum is known to the square root of round-off
+    # a minimum is known to the square root of round-off
+    np.testing.assert_allclose(found.J, expected[:, 1], rtol=1e-5)
 
     found = coexistence(gel, between=RANGE, swelling=swelling)
-    np.testing.assert_allclose(found.control, [equal_areas(Nv, swelling, *expected[:, 0])], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        found.control, [equal_areas(Nv, swelling, *expected[:, 0])], rtol=0, atol=1e-8
+    )
     first, _, last = states(float(found.control[0]), Nv, swelling)
     np.testing.assert_allclose(found.J, [[first, last]], rtol=1e-8)
     if swelling == "isotropic" and Nv <= 0.01:
@@ -180,7 +222,10 @@ def test_limits_in_mu_of_a_poor_solvent_are_the_roots_of_a_quadratic_equation():
         mu = Nv * (1 - 1 / expected) + np.log1p(-1 / expected) + 1 / expected + chi / expected**2
         np.testing.assert_allclose(found.control, mu, rtol=0, atol=1e-14)
     both = coexistence(Gel(Nv, chi), swelling="plane strain")
-    assert found.control[1] < both.control[0] < found.control[0] and both.J[0, 0] < found.J[0] < found.J[1] < both.J[0, 1]
+    assert (
+        found.control[1] < both.control[0] < found.control[0]
+        and both.J[0, 0] < found.J[0] < found.J[1] < both.J[0, 1]
+    )
     assert limits_of_stability(Gel(0.12, chi), swelling="plane strain").J.shape == (0,)
 
 
@@ -189,13 +234,16 @@ def test_the_same_limit_at_a_control_whichever_is_found():
     found = limits_of_stability(poor, mu=0.058, between=(0.7, 1.0), swelling="plane strain")
     again = limits_of_stability(poor(found.control[0]), swelling="plane strain")
     np.testing.assert_allclose(again.control[0], 0.058, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(again.J[0], found.J[0], rtol=1e-7)  # known to the square root of round-off
+    # known to the square root of round-off
+    np.testing.assert_allclose(again.J[0], found.J[0], rtol=1e-7)
 
 
 @pytest.mark.slow
 def test_the_same_phases_at_a_control_whichever_is_found():
     """At the temperature at which phases coexist at a mu, they coexist at that mu."""
-    found = coexistence(lambda T: Pnipam(0.01, T), mu=-0.002, between=RANGE, swelling="plane strain")
+    found = coexistence(
+        lambda T: Pnipam(0.01, T), mu=-0.002, between=RANGE, swelling="plane strain"
+    )
     again = coexistence(Pnipam(0.01, found.control[0]), swelling="plane strain")
     np.testing.assert_allclose(again.control, [-0.002], rtol=0, atol=1e-13)
     np.testing.assert_allclose(again.J, found.J, rtol=1e-10)
@@ -206,11 +254,23 @@ def poor_polyelectrolyte(pH):
 
 
 def slope_with_ions(J, pH):
-    """W'(J) of `poor_polyelectrolyte` after Marcombe et al. (2010), Donnan's equation solved by bracketing."""
+    """W'(J) of `poor_polyelectrolyte` after Marcombe et al. (2010), Donnan by bracketing."""
     hydrogen = 10.0**-pH
     anions = (1e-3 + hydrogen) * 0.0602214076
-    y = brentq(lambda y: J * anions * (y - 1 / y) - 0.05 / (1 + hydrogen * y * 10**4.3), 1, 1e4, xtol=1e-13, rtol=1e-15)
-    return 1e-3 * (J ** (-1 / 3) - 1 / J) + np.log1p(-1 / J) + 1 / J + 0.9 / J**2 - anions * (y + 1 / y - 2)
+    y = brentq(
+        lambda y: J * anions * (y - 1 / y) - 0.05 / (1 + hydrogen * y * 10**4.3),
+        1,
+        1e4,
+        xtol=1e-13,
+        rtol=1e-15,
+    )
+    return (
+        1e-3 * (J ** (-1 / 3) - 1 / J)
+        + np.log1p(-1 / J)
+        + 1 / J
+        + 0.9 / J**2
+        - anions * (y + 1 / y - 2)
+    )
 
 
 @pytest.mark.slow
@@ -218,22 +278,29 @@ def test_a_polyelectrolyte_in_a_poor_solvent_has_two_phases_above_a_ph():
     scan = 1 + np.geomspace(0.1, 400, 400)
     for pH, count in ((4.0, 1), (7.0, 3)):
         expected = roots(np.vectorize(lambda J, pH=pH: slope_with_ions(J, pH)), scan)
-        np.testing.assert_allclose(homogeneous_states(poor_polyelectrolyte(pH)).J, expected, rtol=1e-9)
+        np.testing.assert_allclose(
+            homogeneous_states(poor_polyelectrolyte(pH)).J, expected, rtol=1e-9
+        )
         assert len(expected) == count
 
 
 @pytest.mark.slow
 def test_phases_of_a_polyelectrolyte_coexist_where_areas_are_equal():
     pH, (first, last) = (part[0] for part in coexistence(poor_polyelectrolyte, between=(5.0, 9.0)))
-    area = quad(slope_with_ions, first, last, args=(float(pH),), points=[3.0, 10.0], epsabs=1e-12, limit=400)[0]
+    area = quad(
+        slope_with_ions, first, last, args=(float(pH),), points=[3.0, 10.0], epsabs=1e-12, limit=400
+    )[0]
     assert abs(area) < 1e-8  # of areas of 0.1 on either side
     limit = limits_of_stability(poor_polyelectrolyte, between=(1.0, 9.0))
-    assert limit.control.shape == (1,) and limit.control[0] < pH  # the shrunken phase stays metastable
+    # the shrunken phase stays metastable
+    assert limit.control.shape == (1,) and limit.control[0] < pH
     for step, count in ((-0.01, 1), (0.01, 3)):
-        assert len(homogeneous_states(poor_polyelectrolyte(float(limit.control[0]) + step)).J) == count
+        assert (
+            len(homogeneous_states(poor_polyelectrolyte(float(limit.control[0]) + step)).J) == count
+        )
 
 
-# --- derivatives ---------------------------------------------------------------------------------------------------------------
+# --- derivatives ----------------------------------------------------------------------------------
 
 
 def states_at_a_temperature(Nv):
@@ -242,7 +309,9 @@ def states_at_a_temperature(Nv):
 
 
 def largest_temperature(Nv):
-    return limits_of_stability(lambda T: Pnipam(Nv, T), mu=-Nv / 5, between=(31.0, 34.0), swelling="plane strain").control[1]
+    return limits_of_stability(
+        lambda T: Pnipam(Nv, T), mu=-Nv / 5, between=(31.0, 34.0), swelling="plane strain"
+    ).control[1]
 
 
 def coexisting(Nv):
@@ -260,7 +329,9 @@ def states_in_a_poor_solvent(Nv):
 
 
 def limit_of_chi(Nv):
-    return limits_of_stability(lambda chi: poor(chi, Nv), mu=0.052 + Nv / 10, between=(0.7, 1.0), swelling="plane strain").control[0]
+    return limits_of_stability(
+        lambda chi: poor(chi, Nv), mu=0.052 + Nv / 10, between=(0.7, 1.0), swelling="plane strain"
+    ).control[0]
 
 
 def coexisting_in_a_poor_solvent(Nv):
@@ -276,21 +347,25 @@ OF_POOR = (states_in_a_poor_solvent, limit_of_chi, coexisting_in_a_poor_solvent)
 OF_PNIPAM = (states_at_a_temperature, largest_temperature, coexisting, coexisting_in_mu)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("quantity", "Nv", "derivative"),
     [
         *((of, 0.06, forward) for of in OF_POOR),
-        *slow([*((of, 0.06, jax.grad) for of in OF_POOR), *((of, 0.01, jax.grad) for of in OF_PNIPAM)]),
+        *slow(
+            [*((of, 0.06, jax.grad) for of in OF_POOR), *((of, 0.01, jax.grad) for of in OF_PNIPAM)]
+        ),
     ],
 )
 def test_derivatives_are_differences_of_new_searches(quantity, Nv, derivative):
-    """Of a state and an energy, of a limit of stability and of coexisting phases, by a parameter, of the control too."""
+    """Of a state, an energy, a spinodal and coexistence, by a parameter and the control."""
     h = 1e-5
     expected = (quantity(Nv + h) - quantity(Nv - h)) / (2 * h)
-    np.testing.assert_allclose(derivative(quantity)(Nv), expected, rtol=1e-5)  # (h / Nv)^2 of the third derivative
+    # (h / Nv)^2 of the third derivative
+    np.testing.assert_allclose(derivative(quantity)(Nv), expected, rtol=1e-5)
 
 
-# --- input ---------------------------------------------------------------------------------------------------------------------
+# --- input ----------------------------------------------------------------------------------------
 
 
 def family(T):
@@ -301,17 +376,35 @@ def test_input_is_refused_in_one_line(refused):
     refused(
         lambda call: call(),
         [
-            (lambda: homogeneous_states(Pnipam(), swelling="free"), "swelling: 'free' is not one of isotropic, plane strain, uniaxial"),
+            (
+                lambda: homogeneous_states(Pnipam(), swelling="free"),
+                "swelling: 'free' is not one of isotropic, plane strain, uniaxial",
+            ),
             (lambda: homogeneous_states(Pnipam(), np.zeros(2)), "mu: .*must be a finite number"),
-            (lambda: homogeneous_states(Pnipam(temperature=lambda X: X[0])), "gel: a gel that varies"),
+            (
+                lambda: homogeneous_states(Pnipam(temperature=lambda X: X[0])),
+                "gel: a gel that varies",
+            ),
             (lambda: homogeneous_states(Composite(Gel(), (Gel(),))), "gel: a gel that varies"),
             (lambda: homogeneous_states(Pnipam(temperature=305.0)), "temperature: 305"),
-            (lambda: coexistence(family, between=(20.0, 305.0)), r"temperature: \d+.* degrees Celsius"),
+            (
+                lambda: coexistence(family, between=(20.0, 305.0)),
+                r"temperature: \d+.* degrees Celsius",
+            ),
             (lambda: coexistence(family), "between: None"),
-            (lambda: coexistence(family, between=(45.0, 20.0)), r"between: \(45.0, 20.0\) is not accepted"),
+            (
+                lambda: coexistence(family, between=(45.0, 20.0)),
+                r"between: \(45.0, 20.0\) is not accepted",
+            ),
             (lambda: coexistence(family, mu=np.nan, between=RANGE), "mu: nan"),
             (lambda: limits_of_stability(Pnipam(), mu=0.0), "mu, between: not accepted with a gel"),
-            (lambda: limits_of_stability(Gel(network=lambda F, gel: F[0, 0])), "network: .*must be neo_hookean"),
-            (lambda: jax.jit(lambda T: homogeneous_states(Pnipam(temperature=T)).J)(30.0), "jax.jit"),
+            (
+                lambda: limits_of_stability(Gel(network=lambda F, gel: F[0, 0])),
+                "network: .*must be neo_hookean",
+            ),
+            (
+                lambda: jax.jit(lambda T: homogeneous_states(Pnipam(temperature=T)).J)(30.0),
+                "jax.jit",
+            ),
         ],
     )

@@ -1,4 +1,4 @@
-"""Stability of a free surface: closed forms of gels, Stroh's eigenproblem, and the energy of a deep strip, all by NumPy."""
+"""Surface stability: closed forms, Stroh's eigenproblem, energy of a deep strip, by NumPy."""
 
 import jax
 import jax.numpy as jnp
@@ -36,7 +36,9 @@ ONSETS = {
 def confined(mu, gel):
     """Volume ratio of a layer on a rigid base at ``mu``, and the stability of its surface."""
     J = uniaxial_swelling(mu, gel)
-    return J, surface_stability(jnp.stack([jnp.ones_like(J), J]), osmotic(J, mu, gel), bulk_stiffness(J, gel), gel)
+    return J, surface_stability(
+        jnp.stack([jnp.ones_like(J), J]), osmotic(J, mu, gel), bulk_stiffness(J, gel), gel
+    )
 
 
 def onset(gel):
@@ -55,9 +57,10 @@ def test_a_confined_layer_of_much_network_in_a_fair_solvent_stays_smooth_in_pure
 
 
 def test_the_onset_of_a_confined_layer_is_that_of_kang_and_huang():
-    """Of incremental displacements that decay as exp(ky) and exp(beta ky): (J + 1/J)^2 = 4 beta, Kang & Huang (2010), short waves.
+    """Increments decay as exp(ky) and exp(beta ky): (J + 1/J)^2 = 4 beta, Kang & Huang (2010).
 
-    beta^2 = (Nv + K J^2) / (Nv + K) with K = dp/dJ: 1/(J^2 (J-1)) - 2 chi/J^3 + Nv/J^2. The critical swelling is between 2.5 and 3.4.
+    beta^2 = (Nv + K J^2) / (Nv + K) with K = dp/dJ: 1/(J^2 (J-1)) - 2 chi/J^3 + Nv/J^2. The
+    critical swelling is between 2.5 and 3.4.
     """
 
     def excess(J, Nv, chi):
@@ -71,13 +74,16 @@ def test_the_onset_of_a_confined_layer_is_that_of_kang_and_huang():
 
 
 def test_the_limit_of_little_network_is_biots():
-    """Stretches l and 1/l with (l^2 + 1)^2 = 4 l^6 at l^-2, or r^3 - 3 r^2 - r - 1 = 0 of their ratio r."""
+    """Stretches l and 1/l with (l^2 + 1)^2 = 4 l^6 at l^-2: r^3 - 3 r^2 - r - 1 = 0.
+
+    r is their ratio.
+    """
     biot = max(np.roots([1, -3, -1, -1]).real)
     assert biot == pytest.approx(0.5437**-2, rel=1e-3)
     assert onset(Gel(1e-9, 0.3)) == pytest.approx(biot, rel=1e-6)
 
 
-# --- the impedance by Stroh's eigenproblem ----------------------------------------------------------------------------------
+# --- the impedance by Stroh's eigenproblem --------------------------------------------------------
 
 
 def moduli(stress, F, step=1e-6):
@@ -92,8 +98,9 @@ def moduli(stress, F, step=1e-6):
 
 
 def stability_by_stroh(A):
-    """det Z / (Z11 Z22 + Z12^2) with the Z that maps displacements to tractions of the two waves that decay downwards."""
-    T, R, Q = A[:, 1, :, 1], A[:, 0, :, 1], A[:, 0, :, 0]  # u = U exp(ik (x + q y)): (T q^2 + (R + R^T) q + Q) U = 0
+    """det Z / (Z11 Z22 + Z12^2) of the Z from displacements to tractions of decaying waves."""
+    # u = U exp(ik (x + q y)): (T q^2 + (R + R^T) q + Q) U = 0
+    T, R, Q = A[:, 1, :, 1], A[:, 0, :, 1], A[:, 0, :, 0]
     inverse = np.linalg.inv(T)
     system = np.block([[-inverse @ R.T, inverse], [R @ inverse @ R.T - Q, -R @ inverse]])
     q, waves = np.linalg.eig(system)
@@ -119,20 +126,31 @@ def test_the_closed_form_is_strohs_impedance(stretches, Jm):
 
     gel = Gel(Nv, chi) if np.isinf(Jm) else Gel(Nv, chi, network=Gent(Jm))
     J = stretches[0] * stretches[1]
-    value = surface_stability(jnp.array(stretches), osmotic(J, mu, gel), bulk_stiffness(J, gel), gel)
-    assert float(value) == pytest.approx(stability_by_stroh(moduli(stress, np.diag(stretches))), abs=1e-5)
+    value = surface_stability(
+        jnp.array(stretches), osmotic(J, mu, gel), bulk_stiffness(J, gel), gel
+    )
+    assert float(value) == pytest.approx(
+        stability_by_stroh(moduli(stress, np.diag(stretches))), abs=1e-5
+    )
 
 
-# --- the energy of a deep strip ---------------------------------------------------------------------------------------------
+# --- the energy of a deep strip -------------------------------------------------------------------
 
 
 def lowest_energy(A, depth=12.0, degree=48):
-    """Lowest eigenvalue of the energy of waves (u(y), i v(y)) exp(ix) in -depth < y < 0, held at the base, in polynomials."""
+    """Lowest energy eigenvalue of waves (u(y), i v(y)) exp(ix) in -depth < y < 0, polynomials.
+
+    Held at the base.
+    """
     xi, weight = legendre.leggauss(2 * degree)
     scale = 2 / depth
     basis = np.stack([legendre.legval(xi, np.eye(degree)[j]) * (1 + xi) for j in range(degree)])
     slopes = np.stack(
-        [legendre.legval(xi, np.eye(degree)[j]) + legendre.legval(xi, legendre.legder(np.eye(degree)[j])) * (1 + xi) for j in range(degree)]
+        [
+            legendre.legval(xi, np.eye(degree)[j])
+            + legendre.legval(xi, legendre.legder(np.eye(degree)[j])) * (1 + xi)
+            for j in range(degree)
+        ]
     )
     basis, slopes = basis / np.sqrt(depth), scale * slopes / np.sqrt(depth)
     zero = np.zeros_like(basis)
@@ -145,7 +163,10 @@ def lowest_energy(A, depth=12.0, degree=48):
 
     # real parts of H = [[i u, u'], [-v, i v']] exp(ix)
     energy = (
-        A[0, 0, 0, 0] * product(u, u) + A[1, 1, 1, 1] * product(dv, dv) + A[0, 1, 0, 1] * product(du, du) + A[1, 0, 1, 0] * product(v, v)
+        A[0, 0, 0, 0] * product(u, u)
+        + A[1, 1, 1, 1] * product(dv, dv)
+        + A[0, 1, 0, 1] * product(du, du)
+        + A[1, 0, 1, 0] * product(v, v)
     )
     normal, shear = A[0, 0, 1, 1] * product(u, dv), -A[0, 1, 1, 0] * product(du, v)
     energy += normal + normal.T + shear + shear.T
@@ -154,18 +175,26 @@ def lowest_energy(A, depth=12.0, degree=48):
 
 
 def film_onset(gel):
-    """Stretch l of a film held along x, F = diag(1, l) and l through the thickness, at which its edge wrinkles in the plane."""
+    """Stretch l of a film held along x at which its edge wrinkles in the plane.
+
+    F = diag(1, l) and l through the thickness.
+    """
 
     @jax.jit
     def stability(stretch):
         law = VolumeLaw(gel, osmotic(stretch**2, 0.0, gel) + gel.Nv, film=True)
-        return surface_stability(jnp.stack([1.0, stretch]), law.pressure(stretch), law.stiffness(stretch), gel)
+        return surface_stability(
+            jnp.stack([1.0, stretch]), law.pressure(stretch), law.stiffness(stretch), gel
+        )
 
     return brentq(stability, 1.5, 8.0, xtol=1e-6)
 
 
 def test_the_edge_of_a_film_wrinkles_where_waves_of_a_deep_strip_lose_their_energy():
-    """The film's stress follows from its thickness, at which no stress acts through it. A strip 12 / k deep has the half-plane's onset."""
+    """The film's stress follows from its thickness, at which no stress acts through it.
+
+    A strip 12 / k deep has the half-plane's onset.
+    """
     Nv, chi = 1e-3, 0.1
 
     def slope(J):
@@ -176,7 +205,13 @@ def test_the_edge_of_a_film_wrinkles_where_waves_of_a_deep_strip_lose_their_ener
 
         def stress(F):
             A = np.linalg.det(F)
-            thickness = brentq(lambda v: Nv * v + A * (slope(A * v) - mu), (1 + 1e-9) / A, 50.0, xtol=1e-14, rtol=1e-14)
+            thickness = brentq(
+                lambda v: Nv * v + A * (slope(A * v) - mu),
+                (1 + 1e-9) / A,
+                50.0,
+                xtol=1e-14,
+                rtol=1e-14,
+            )
             return Nv * F - Nv * thickness**2 * np.linalg.inv(F).T  # p = -Nv l3^2 / A
 
         return moduli(stress, np.diag([1.0, stretch]), 1e-5)
@@ -202,19 +237,27 @@ def test_a_gel_wrinkles_where_waves_of_a_deep_strip_lose_their_energy():
     assert ONSETS[Nv, chi] == pytest.approx(critical, rel=1e-3)
 
 
-# --- scale, derivatives, ends ------------------------------------------------------------------------------------------------
+# --- scale, derivatives, ends ---------------------------------------------------------------------
 
 
 def test_the_scale_of_energies_does_not_matter():
     stretches = jnp.array([0.9, 2.0])
-    values = [surface_stability(stretches, -2e-3 * scale, 0.3 * scale, Gel(1e-3 * scale, 0.1)) for scale in (1.0, 7.0)]
+    values = [
+        surface_stability(stretches, -2e-3 * scale, 0.3 * scale, Gel(1e-3 * scale, 0.1))
+        for scale in (1.0, 7.0)
+    ]
     assert float(values[0]) == pytest.approx(float(values[1]), rel=1e-12)
 
 
 def test_a_dry_gel_is_stable_and_a_gel_in_its_miscibility_gap_is_not():
-    """The bulk stiffness next to the dry state is 1e12 times the network's; beyond the spinodal it is negative."""
+    """The bulk stiffness next to the dry state is 1e12 times the network's.
+
+    Beyond the spinodal it is negative.
+    """
     J = 1 + 1e-9
-    dry = surface_stability(jnp.array([1.0, J]), -1e-3 * J, bulk_stiffness(J, Gel(1e-3, 0.1)), Gel(1e-3, 0.1))
+    dry = surface_stability(
+        jnp.array([1.0, J]), -1e-3 * J, bulk_stiffness(J, Gel(1e-3, 0.1)), Gel(1e-3, 0.1)
+    )
     assert float(dry) == pytest.approx(1.0, abs=1e-9)
     poor = Gel(1e-3, 0.9)
     assert bulk_stiffness(3.0, poor) < 0
@@ -222,7 +265,10 @@ def test_a_dry_gel_is_stable_and_a_gel_in_its_miscibility_gap_is_not():
 
 
 def test_the_state_of_a_surface_has_no_traction():
-    """dW/dl2 = 0 for the network written out; the volume ratio of a swollen gel, whose bulk is as soft as its network, to round-off."""
+    """dW/dl2 = 0 for the network written out.
+
+    The volume ratio of a swollen gel, whose bulk is as soft as its network, to round-off.
+    """
     Nv, chi, mu = 2e-2, 0.4, -1e-3
     t = np.array([0.7, 1.0, 1.4])
     locking = 30.0
@@ -232,20 +278,31 @@ def test_the_state_of_a_surface_has_no_traction():
     ):
         J = np.asarray(jax.jit(surface_volume_ratio)(t, mu, gel))
         n = J / t
-        np.testing.assert_allclose(Nv * n * factor(t**2 + n**2), -np.asarray(osmotic(J, mu, gel)) * t, rtol=1e-9)
+        np.testing.assert_allclose(
+            Nv * n * factor(t**2 + n**2), -np.asarray(osmotic(J, mu, gel)) * t, rtol=1e-9
+        )
     J = np.asarray(jax.jit(film_edge_volume_ratio)(t, mu, Gel(Nv, chi)))
-    np.testing.assert_allclose(VolumeLaw(Gel(Nv, chi), mu, film=True).pressure(np.sqrt(J * t)), -Nv * np.sqrt(J / t) / t, rtol=1e-9)
+    np.testing.assert_allclose(
+        VolumeLaw(Gel(Nv, chi), mu, film=True).pressure(np.sqrt(J * t)),
+        -Nv * np.sqrt(J / t) / t,
+        rtol=1e-9,
+    )
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences():
     def value(t, Nv):
         gel = Gel(Nv, 0.3)
         J = surface_volume_ratio(t, -0.05, gel)
-        return surface_stability(jnp.stack([t, J / t]), osmotic(J, -0.05, gel), bulk_stiffness(J, gel), gel)
+        return surface_stability(
+            jnp.stack([t, J / t]), osmotic(J, -0.05, gel), bulk_stiffness(J, gel), gel
+        )
 
     at, value = (0.8, 4e-3), jax.jit(value)
     slopes = jax.jit(jax.grad(value, argnums=(0, 1)))(*at)
     for number, slope in enumerate(slopes):
         step = 1e-5 * at[number]
-        ends = [value(*(a + side * step * (number == k) for k, a in enumerate(at))) for side in (-1, 1)]
+        ends = [
+            value(*(a + side * step * (number == k) for k, a in enumerate(at))) for side in (-1, 1)
+        ]
         assert float(slope) == pytest.approx(float(ends[1] - ends[0]) / (2 * step), rel=1e-7)

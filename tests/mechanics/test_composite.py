@@ -10,7 +10,20 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxgel
-from jaxgel import Circle, Composite, Elastomer, Ellipse, Gel, Plate, Problem, Rectangle, discretise, make_cloud, sample, sweep
+from jaxgel import (
+    Circle,
+    Composite,
+    Elastomer,
+    Ellipse,
+    Gel,
+    Plate,
+    Problem,
+    Rectangle,
+    discretise,
+    make_cloud,
+    sample,
+    sweep,
+)
 from jaxgel.materials import Filled, VolumeLaw, uniaxial_swelling
 from jaxgel.mechanics import energy_at, localised, residual
 from jaxgel.mechanics.volumes import volume_ratios
@@ -31,16 +44,26 @@ def layered(materials, spacing=0.5, **options):
 @pytest.fixture(scope="module")
 def inclusion():
     """Model of a plate with a hole in a region."""
-    plate = Plate(4.0, 4.0, [Circle((0.3, 0.2), 0.4)], regions=[Ellipse((0.3, 0.2), (1.2, 0.9), 0.4)], spacing=0.2, nodes_per_hole=16)
+    plate = Plate(
+        4.0,
+        4.0,
+        [Circle((0.3, 0.2), 0.4)],
+        regions=[Ellipse((0.3, 0.2), (1.2, 0.9), 0.4)],
+        spacing=0.2,
+        nodes_per_hole=16,
+    )
     return discretise(make_cloud(plate))
 
 
+@pytest.mark.slow
 def test_linear_displacements_are_reproduced_across_an_interface(inclusion):
     F = np.array([[1.2, 0.1], [0.05, 0.9]])
     for model in (inclusion, layered(())[0]):
         x = np.asarray(model.cloud.nodes) @ F.T
         for block in model.blocks:
-            found = np.einsum("cai,cqaj->cqij", x[block.nodes], block.dphi)[np.asarray(block.weight) > 0]
+            found = np.einsum("cai,cqaj->cqij", x[block.nodes], block.dphi)[
+                np.asarray(block.weight) > 0
+            ]
             np.testing.assert_allclose(found, np.broadcast_to(F, found.shape), atol=1e-12)
         J = np.asarray(volume_ratios(x, model))[model.carries]
         np.testing.assert_allclose(J, np.linalg.det(F), atol=1e-12)
@@ -49,12 +72,19 @@ def test_linear_displacements_are_reproduced_across_an_interface(inclusion):
 def test_the_cells_of_a_region_fill_its_outline_and_its_nodes_are_those_in_it(inclusion):
     model, plate = inclusion, inclusion.cloud.plate
     region = model.lists.region_of_patch
-    volume = sum(np.sum(np.asarray(block.weight)[region[np.asarray(block.patches)] == 1]) for block in model.blocks)
+    volume = sum(
+        np.sum(np.asarray(block.weight)[region[np.asarray(block.patches)] == 1])
+        for block in model.blocks
+    )
     area = float(plate.regions[0].area() - plate.holes[0].area())
-    assert volume == pytest.approx(area, rel=1e-4)  # the interface is a curve of third degree: 6e-5 at 0.3 radii between nodes
+    # the interface is a curve of third degree: 6e-5 at 0.3 radii between nodes
+    assert volume == pytest.approx(area, rel=1e-4)
     topology = model.lists.topology
     inside = np.array([float(plate.regions[0].excess(X)) for X in np.asarray(model.cloud.nodes)])
-    own, both = topology.node_regions[:, 0], topology.node_regions[:, 0] != topology.node_regions[:, 1]
+    own, both = (
+        topology.node_regions[:, 0],
+        topology.node_regions[:, 0] != topology.node_regions[:, 1],
+    )
     np.testing.assert_allclose(inside[both], 0.0, atol=1e-12)
     np.testing.assert_array_equal(own[~both] == 1, inside[~both] < 0)
 
@@ -62,7 +92,9 @@ def test_the_cells_of_a_region_fill_its_outline_and_its_nodes_are_those_in_it(in
 def two_layers(model, lower, upper):
     """Positions (n, 2) of the layers at their stretches along y."""
     X, Y = np.asarray(model.cloud.nodes).T
-    return np.stack([X, -1.0 + np.where(Y < -0.5, lower * (Y + 1.0), lower * 0.5 + upper * (Y + 0.5))], axis=1)
+    return np.stack(
+        [X, -1.0 + np.where(Y < -0.5, lower * (Y + 1.0), lower * 0.5 + upper * (Y + 0.5))], axis=1
+    )
 
 
 def uniaxial(material, mu):
@@ -74,11 +106,20 @@ forces = jax.jit(residual)
 
 
 def assert_balanced(x, mu, model, gel, traction=0.0):
-    problem = Problem(model, gel, loads=jaxgel.load_vector(model, traction={"top": (0.0, traction)}), contact=False).prepared
-    force = np.asarray(forces(x, model, problem.gel, mu, problem.loads)).ravel()[np.asarray(problem.free.masters)]
-    np.testing.assert_allclose(force, 0.0, atol=1e-12)  # round-off of volume ratios, 1e-14, times bulk stiffnesses up to 30
+    problem = Problem(
+        model,
+        gel,
+        loads=jaxgel.load_vector(model, traction={"top": (0.0, traction)}),
+        contact=False,
+    ).prepared
+    force = np.asarray(forces(x, model, problem.gel, mu, problem.loads)).ravel()[
+        np.asarray(problem.free.masters)
+    ]
+    # round-off of volume ratios, 1e-14, times bulk stiffnesses up to 30
+    np.testing.assert_allclose(force, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [GEL, Gel(4e-3, 0.3), STIFF], ids=["same", "gel", "elastomer"])
 def test_layers_are_in_balance_each_at_its_own_uniaxial_stretch(other):
     model, gel = layered((other,))
@@ -93,7 +134,9 @@ def test_layers_swell_each_by_its_own_uniaxial_stretch(other):
     model, gel = layered((other,))
     path = sweep(Problem(model, gel), [-3.0, -0.5])
     for x, mu in zip(path.x, path.mu, strict=True):
-        np.testing.assert_allclose(x, two_layers(model, uniaxial(other, mu), uniaxial(GEL, mu)), atol=1e-11)
+        np.testing.assert_allclose(
+            x, two_layers(model, uniaxial(other, mu), uniaxial(GEL, mu)), atol=1e-11
+        )
 
 
 def test_an_elastomer_under_a_gel_has_the_force_of_its_closed_form():
@@ -107,20 +150,24 @@ def test_an_elastomer_under_a_gel_has_the_force_of_its_closed_form():
     def of_gel(J):
         return gel.Nv * (J - 1 / J) + np.log1p(-1 / J) + 1 / J + gel.chi / J**2 - mu - traction
 
-    lower, upper = brentq(of_elastomer, 0.5, 2.0, xtol=1e-15), brentq(of_gel, 1 + 1e-9, 9.0, xtol=1e-15)
+    lower, upper = (
+        brentq(of_elastomer, 0.5, 2.0, xtol=1e-15),
+        brentq(of_gel, 1 + 1e-9, 9.0, xtol=1e-15),
+    )
     assert lower < 0.99
     assert_balanced(two_layers(model, lower, upper), mu, model, Composite(gel, (soft,)), traction)
 
 
 @functools.partial(jax.jit, static_argnames="film")
 def there_and_back(Nv, K, p, *, film):
-    """Areal stretches of pressures, their pressures and stiffnesses, and the slopes of both maps by automatic differentiation."""
+    """Areal stretches, pressures, stiffnesses, and slopes of both maps by autodiff."""
     law, one = VolumeLaw(Filled(Gel(Nv, 0.1), K), -1.0, film=film), jnp.ones_like(p)
     A, inverse = jax.jvp(law.areal_stretch, (p,), (one,))
     pressure, slope = jax.jvp(law.pressure, (A,), (one,))
     return A, pressure, law.stiffness(A), jnp.stack([slope, inverse])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("Nv", [1e-3, 0.1, 2.0])
 @pytest.mark.parametrize("K", [0.05, 10.0, 1e4])
 def test_volume_ratios_of_elastomers_are_inverses_of_their_pressures(Nv, K):
@@ -134,7 +181,9 @@ def test_volume_ratios_of_elastomers_are_inverses_of_their_pressures(Nv, K):
     a, b = Nv + K * A**2, K * A
     thickness = (b + np.sqrt(b**2 + 4 * a * Nv)) / (2 * a)  # (Nv + K A^2) l3^2 - K A l3 - Nv = 0
     p = -Nv * thickness**2 / A
-    stretch, pressure, stiffness, (slope, inverse) = map(np.asarray, there_and_back(Nv, K, p, film=True))
+    stretch, pressure, stiffness, (slope, inverse) = map(
+        np.asarray, there_and_back(Nv, K, p, film=True)
+    )
     np.testing.assert_allclose(pressure, p, rtol=1e-12)
     np.testing.assert_allclose(stretch, A, rtol=1e-11)
     np.testing.assert_allclose(stiffness, slope, rtol=1e-10)
@@ -142,7 +191,7 @@ def test_volume_ratios_of_elastomers_are_inverses_of_their_pressures(Nv, K):
 
 
 def assert_slope(x, mu, model, gel, loads, free):
-    """The residual is the slope of the energy along a random field of the unknowns, by Simpson's rule."""
+    """The residual is the energy's slope along a random field, by Simpson's rule."""
     v = np.zeros(2 * model.n_nodes)
     v[np.asarray(free.masters)] = np.random.default_rng(3).normal(size=len(free.masters))
     v, h = v.reshape(-1, 2), 1e-3
@@ -165,41 +214,71 @@ def test_the_residual_is_the_slope_of_the_energy_of_gel_and_elastomer():
 @pytest.mark.slow
 @pytest.mark.parametrize("kinematics", ["plane strain", "plane stress"])
 def test_states_with_inclusions_are_stationary_points_of_the_total_energy(kinematics):
-    plate = Plate(2.0, 2.0, [Circle((-0.5, 0.0), 0.25)], regions=[Circle((0.4, 0.1), 0.35)], edges=HELD, kinematics=kinematics)
+    plate = Plate(
+        2.0,
+        2.0,
+        [Circle((-0.5, 0.0), 0.25)],
+        regions=[Circle((0.4, 0.1), 0.35)],
+        edges=HELD,
+        kinematics=kinematics,
+    )
     model = discretise(make_cloud(plate, spacing=0.25, nodes_per_hole=12))
     assert model.film == (kinematics == "plane stress")
     path = sweep(Problem(model, Composite(GEL, (STIFF,)), contact=False), [-3.0, -0.8])
     problem = Problem(model, path.gel, contact=False).prepared
     x, mu = np.asarray(path.x[-1]), path.mu[-1]
-    force = np.asarray(forces(x, model, path.gel, mu, problem.loads)).ravel()[np.asarray(problem.free.masters)]
+    force = np.asarray(forces(x, model, path.gel, mu, problem.loads)).ravel()[
+        np.asarray(problem.free.masters)
+    ]
     assert np.abs(force).max() < 1e-9
     assert_slope(x, mu, model, path.gel, problem.loads, problem.free)
 
 
 @pytest.mark.slow
 def test_materials_and_outlines_of_regions_have_exact_derivatives():
-    plate = Plate(2.0, 2.0, regions=[Ellipse((0.1, 0.1), (0.5, 0.35), 0.3)], edges=HELD, spacing=0.4)
+    plate = Plate(
+        2.0, 2.0, regions=[Ellipse((0.1, 0.1), (0.5, 0.35), 0.3)], edges=HELD, spacing=0.4
+    )
     cloud, mu = make_cloud(plate), [-3.0, -1.0]
     probe_at = np.array([[0.6, 1.0]])
-    start = {"semi_axes": jnp.array([0.5, 0.35]), "centre": jnp.array([0.1, 0.1]), "Nv": 0.05, "bulk": 2.0, "chi": 0.1}
+    start = {
+        "semi_axes": jnp.array([0.5, 0.35]),
+        "centre": jnp.array([0.1, 0.1]),
+        "Nv": 0.05,
+        "bulk": 2.0,
+        "chi": 0.1,
+    }
 
     def height(p):
         moved = plate.at([], [{"semi_axes": p["semi_axes"], "centre": p["centre"]}])
         model = discretise(cloud.at(moved))
-        path = sweep(Problem(model, Composite(Gel(1e-3, p["chi"]), (Elastomer(p["Nv"], p["bulk"]),))), mu)
+        path = sweep(
+            Problem(model, Composite(Gel(1e-3, p["chi"]), (Elastomer(p["Nv"], p["bulk"]),))), mu
+        )
         return jaxgel.make_probe(model, probe_at).position(path.x[-1])[0, 1]
 
     gradient = jax.grad(height)(start)
-    for name, h in (("semi_axes", 1e-4), ("centre", 1e-4), ("Nv", 1e-4), ("bulk", 1e-3), ("chi", 1e-4)):
+    for name, h in (
+        ("semi_axes", 1e-4),
+        ("centre", 1e-4),
+        ("Nv", 1e-4),
+        ("bulk", 1e-3),
+        ("chi", 1e-4),
+    ):
         sides = [float(height(start | {name: start[name] + s * h})) for s in (-1, 1)]
         slope = float(jnp.sum(jnp.asarray(gradient[name])))
-        assert (sides[1] - sides[0]) / (2 * h) == pytest.approx(slope, rel=2e-5, abs=1e-8), name  # differences of second order
+        # differences of second order
+        assert (sides[1] - sides[0]) / (2 * h) == pytest.approx(slope, rel=2e-5, abs=1e-8), name
 
 
+@pytest.mark.slow
 def test_an_inclusion_in_the_middle_keeps_the_group_and_one_beside_it_does_not():
     for centre, group in (((0.0, 0.0), 7), ((0.3, 0.1), 0)):
         model = discretise(make_cloud(Plate(2.0, 2.0, regions=[Circle(centre, 0.4)], spacing=0.4)))
-        assert len(symmetries_of(Problem(model, Composite(GEL, (STIFF,)), contact=False).prepared)) == group
+        assert (
+            len(symmetries_of(Problem(model, Composite(GEL, (STIFF,)), contact=False).prepared))
+            == group
+        )
 
 
 @pytest.mark.slow
@@ -207,7 +286,10 @@ def test_symmetric_states_with_an_inclusion_are_those_of_the_whole_plate():
     plate = dataclasses.replace(sample("sample-4"), regions=[Circle((0.0, 0.0), 0.8)])
     model, gel = discretise(make_cloud(plate, spacing=1.1)), Composite(plate.gel, (STIFF,))
     mu = [-4.0, -3.0, -2.5]
-    whole, reduced = (sweep(Problem(model, gel), mu, branch="symmetric", symmetry=symmetry) for symmetry in ("off", "auto"))
+    whole, reduced = (
+        sweep(Problem(model, gel), mu, branch="symmetric", symmetry=symmetry)
+        for symmetry in ("off", "auto")
+    )
     assert reduced.symmetry[-1]
     np.testing.assert_allclose(whole.x, reduced.x, atol=1e-9)
     np.testing.assert_array_equal(whole.negative_pivots, reduced.negative_pivots)
@@ -226,7 +308,9 @@ def test_symmetric_states_with_an_inclusion_are_those_of_the_whole_plate():
 )
 def test_rotations_with_inclusions_are_those_of_finite_elements(kinematics, material, rotation):
     """NGSolve, P5 on 1884 curved triangles: ``benchmarks/printed.py``; 0.5 % as there."""
-    plate = dataclasses.replace(sample("sample-1"), kinematics=kinematics, regions=[Ellipse((0.0, 0.0), (1.5, 0.8), 0.6)])
+    plate = dataclasses.replace(
+        sample("sample-1"), kinematics=kinematics, regions=[Ellipse((0.0, 0.0), (1.5, 0.8), 0.6)]
+    )
     model = discretise(make_cloud(plate, spacing=22 / 40))
     path = sweep(Problem(model, Composite(plate.gel, (material,))), [-2.5, -1.4678])
     assert float(jaxgel.core_rotation(path)[-1]) == pytest.approx(rotation, rel=5e-3)
@@ -241,7 +325,10 @@ def test_composites_that_do_not_fit_are_refused_in_one_line(refused):
             (Composite(GEL, (Elastomer(0.1, -1.0),)), r"regions\[0\]: bulk: -1 is not accepted"),
             (Composite(GEL, (Gel(-1.0, 0.1),)), r"regions\[0\]: Nv: -1 is not accepted"),
             (Composite(GEL, (3.0,)), r"regions\[0\]: 3.0 is neither an Elastomer nor a Gel"),
-            (Composite(GEL, (Gel(1e-3, 0.1, network=jaxgel.Gent(50.0)),)), r"regions\[0\]: its network is .* must be that of the matrix"),
+            (
+                Composite(GEL, (Gel(1e-3, 0.1, network=jaxgel.Gent(50.0)),)),
+                r"regions\[0\]: its network is .* must be that of the matrix",
+            ),
             (Composite(GEL, (Gel(lambda X: X[0], 0.1),)), r"Nv: -.* at .* mm is not accepted"),
         ],
     )

@@ -1,4 +1,4 @@
-"""The padding of shared equations is inert, and plates of similar size share the programs of a sweep and its gradient."""
+"""Inert padding of shared equations; similar plates share programs of sweep and gradient."""
 
 import dataclasses
 import functools
@@ -12,7 +12,14 @@ from jax import monitoring
 import jaxgel
 from jaxgel import observables
 from jaxgel.discretisation import body, consistency, ladder, layout, neighbours
-from jaxgel.mechanics import condensed_rhs, conditions, energy_at, linearise, state_pressure, tangent
+from jaxgel.mechanics import (
+    condensed_rhs,
+    conditions,
+    energy_at,
+    linearise,
+    state_pressure,
+    tangent,
+)
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
 VALUES = [-3.5, -2.5]
@@ -28,7 +35,9 @@ def plate_of(axes, **options):
 def turned(axes, plate, gel=GEL, values=VALUES):
     """Rotation of the core of a plate with these semi-axes in the last state, and the path."""
     cloud = jaxgel.make_cloud(plate)
-    path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}]))), gel), values)
+    path = jaxgel.sweep(
+        jaxgel.Problem(jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}]))), gel), values
+    )
     return jaxgel.core_rotation(path)[-1] + path.energy[-1], path
 
 
@@ -50,11 +59,17 @@ def _widen(patch):
 def test_energy_forces_and_tangent_do_not_depend_on_the_padding(tiny_plate, monkeypatch):
     def found():
         model = jaxgel.discretise(jaxgel.make_cloud(tiny_plate))
-        problem, x = jaxgel.Problem(model, GEL, contact=False).prepared, np.asarray(model.cloud.nodes)
+        problem, x = (
+            jaxgel.Problem(model, GEL, contact=False).prepared,
+            np.asarray(model.cloud.nodes),
+        )
         x = 1.3 * x + 0.02 * np.random.default_rng(1).normal(size=x.shape)
         p = state_pressure(x, model, GEL, -2.0)
         now = linearise(problem, x, p, -2.0)
-        energy, K = energy_at(x, model, GEL, -2.0, problem.loads), problem.pattern.matrix(tangent(problem, x, p, now))
+        energy, K = (
+            energy_at(x, model, GEL, -2.0, problem.loads),
+            problem.pattern.matrix(tangent(problem, x, p, now)),
+        )
         return energy, p, condensed_rhs(problem, now, now), K.toarray()
 
     once = found()
@@ -66,14 +81,28 @@ def test_energy_forces_and_tangent_do_not_depend_on_the_padding(tiny_plate, monk
 @pytest.mark.parametrize(
     ("options", "gel"),
     [
-        slow({}, jaxgel.Gel(Nv=1e-3, chi=lambda X: 0.2 + 0.01 * X[0], network=jaxgel.Gent(30.0)), id="field and Gent"),
-        slow({"edges": {**ROLLERS, "right": "free", "top": "free"}, "kinematics": "plane stress"}, GEL, id="film"),
-        slow({"edges": dict.fromkeys(("left", "right", "bottom", "top"), "periodic")}, GEL, id="periodic"),
+        slow(
+            {},
+            jaxgel.Gel(Nv=1e-3, chi=lambda X: 0.2 + 0.01 * X[0], network=jaxgel.Gent(30.0)),
+            id="field and Gent",
+        ),
+        slow(
+            {"edges": {**ROLLERS, "right": "free", "top": "free"}, "kinematics": "plane stress"},
+            GEL,
+            id="film",
+        ),
+        slow(
+            {"edges": dict.fromkeys(("left", "right", "bottom", "top"), "periodic")},
+            GEL,
+            id="periodic",
+        ),
     ],
 )
 def test_padding_is_inert(options, gel, monkeypatch):
     """More room leaves states, pressures and slopes by a hole as they are."""
-    plate = dataclasses.replace(plate_of((2.4, 1.6), **options), spacing=0.7, nodes_per_hole=32, core=(3.0, 3.0))
+    plate = dataclasses.replace(
+        plate_of((2.4, 1.6), **options), spacing=0.7, nodes_per_hole=32, core=(3.0, 3.0)
+    )
     once = _numbers(plate, gel)
     _widen(monkeypatch)
     for one, two in zip(once, _numbers(plate, gel), strict=True):
@@ -106,14 +135,49 @@ def test_a_second_plate_compiles_nothing():
     assert compiled(lambda: run((2.38, 1.63))) == []
 
 
-OBSERVED = (jaxgel.area_reduction, jaxgel.rotation_angle, observables.gap, observables.surface_ratio, observables.mean_volume_ratio)
-FIELDS = (observables.outlines, observables.deformed_vertices, observables.cauchy_stress, observables.aspect_ratio)
+def test_a_state_in_which_nothing_touches_takes_the_programs_of_a_problem_without_contact(
+    tiny_model,
+):
+    """To the bit: linearisation, forces and tangent do not depend on separate outlines."""
+
+    def run(contact):
+        problem, x = (
+            jaxgel.Problem(tiny_model, GEL, contact=contact).prepared,
+            np.asarray(tiny_model.nodes),
+        )
+        p = np.full(len(tiny_model.carries), -1e-3)
+        now = linearise(problem, x, p, -2.0)
+        found.append(
+            [np.asarray(condensed_rhs(problem, now, now)), np.asarray(tangent(problem, x, p, now))]
+        )
+
+    found = []
+    run(True)
+    assert compiled(lambda: run(False)) == []
+    for one, two in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+OBSERVED = (
+    jaxgel.area_reduction,
+    jaxgel.rotation_angle,
+    observables.gap,
+    observables.surface_ratio,
+    observables.mean_volume_ratio,
+)
+FIELDS = (
+    observables.outlines,
+    observables.deformed_vertices,
+    observables.cauchy_stress,
+    observables.aspect_ratio,
+)
 
 
 @pytest.mark.slow
 def test_the_observables_of_a_second_plate_compile_nothing():
-    """Neither the table and the fields of its path nor gradients by its holes, though it has other numbers of nodes and vertices; but for
-    sums.
+    """Neither the path's table and fields nor gradients by its holes depend on its sizes.
+
+    It has other numbers of nodes and vertices; but for sums.
     """
     sizes = []
 
@@ -131,5 +195,6 @@ def test_the_observables_of_a_second_plate_compile_nothing():
             field(path)
 
     run((2.34, 1.66))
-    assert set(compiled(lambda: run((2.0, 1.8)))) <= {"jit(add)"}  # JAX's sums of cotangents, one for each shape
+    # JAX's sums of cotangents, one for each shape
+    assert set(compiled(lambda: run((2.0, 1.8)))) <= {"jit(add)"}
     assert all(np.not_equal(*sizes))

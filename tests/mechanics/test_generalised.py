@@ -18,7 +18,7 @@ CORNER = dict(left="roller", bottom="roller", right="free", top="free")
 
 
 def potential(J, gel=GEL):
-    """d volumetric / dJ of the Flory-Rehner gel, with the network's -Nv ln J, written out once more."""
+    """d volumetric / dJ of the Flory-Rehner gel, with the network's -Nv ln J, once more."""
     return -np.log1p(1 / (J - 1)) + 1 / J + gel.chi / J**2 - gel.Nv / J
 
 
@@ -27,30 +27,39 @@ def root(function, low=1 + 1e-13, high=1e4):
 
 
 def swollen(edges, axial, kinematics="generalised plane strain", **options):
-    """Path of a square plate of 2 x 2 mm, 7 x 7 nodes, and its dry nodes from the lower left corner."""
+    """Path of a plate of 2 x 2 mm, 7 x 7 nodes, and dry nodes from the lower left corner."""
     plate = jaxgel.Plate(2, 2, edges=edges, kinematics=kinematics, axial_stretch=axial, gel=GEL)
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=1 / 3))
-    return jaxgel.sweep(jaxgel.Problem(model, GEL), MU, **options), np.asarray(model.cloud.nodes) + 1
+    return jaxgel.sweep(jaxgel.Problem(model, GEL), MU, **options), np.asarray(
+        model.cloud.nodes
+    ) + 1
 
 
 @pytest.fixture(scope="module")
 def block():
-    """Path of a block held at the axial stretch 1.2, and its dry nodes from the lower left corner."""
+    """Path of a block held at the axial stretch 1.2, and dry nodes from the lower left."""
     return swollen(CORNER, 1.2)
 
 
+@pytest.mark.slow
 def test_held_at_one_it_is_plane_strain():
     cases = {"generalised plane strain": 1.0, "plane strain": None}
-    held, plane = (swollen(CORNER, axial, kinematics, eigenvalues=True)[0] for kinematics, axial in cases.items())
+    held, plane = (
+        swollen(CORNER, axial, kinematics, eigenvalues=True)[0]
+        for kinematics, axial in cases.items()
+    )
     np.testing.assert_allclose(held.x, plane.x, rtol=1e-13)
     np.testing.assert_allclose(held.energy, plane.energy, rtol=1e-13)
     np.testing.assert_allclose(held.lowest_eigenvalue, plane.lowest_eigenvalue, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_block_held_at_another_stretch(block):
     """l1 = l2 = l, no stress across: Nv + l3 (potential(l3 l^2) - mu) = 0."""
     path, X = block
-    stretch = np.array([np.sqrt(root(lambda J, mu=mu: GEL.Nv + 1.2 * (potential(J) - mu)) / 1.2) for mu in MU])
+    stretch = np.array(
+        [np.sqrt(root(lambda J, mu=mu: GEL.Nv + 1.2 * (potential(J) - mu)) / 1.2) for mu in MU]
+    )
     assert stretch[0] < 1  # the areal stretch may be below 1
     np.testing.assert_allclose(path.x, -1 + stretch[:, None, None] * X, atol=1e-9)
     np.testing.assert_allclose(free_stretch(path), stretch, rtol=1e-12)
@@ -61,8 +70,9 @@ def test_a_block_held_at_another_stretch(block):
     assert history(path)["status"] == ["converged"] * 3
 
 
+@pytest.mark.slow
 def test_the_derivative_of_the_energy_by_the_stretch_is_the_axial_force(block):
-    """Nv l3 + l^2 (potential(l3 l^2) - mu) on 4 mm^2; 0 at the stretch of a gel that swells freely in three dimensions."""
+    """Nv l3 + l^2 (potential(l3 l^2) - mu) on 4 mm^2; 0 at the free-swelling stretch."""
     model, mu = block[0].model, MU[-1]
 
     @jax.grad
@@ -70,7 +80,9 @@ def test_the_derivative_of_the_energy_by_the_stretch_is_the_axial_force(block):
         return jaxgel.sweep(jaxgel.Problem(model.at_axial_stretch(axial), GEL), MU).energy[-1]
 
     area = root(lambda A: GEL.Nv + 1.2 * (potential(1.2 * A) - mu))
-    assert float(force(1.2)) == pytest.approx(4 * (1.2 * GEL.Nv + area * (potential(1.2 * area) - mu)), rel=1e-9)
+    assert float(force(1.2)) == pytest.approx(
+        4 * (1.2 * GEL.Nv + area * (potential(1.2 * area) - mu)), rel=1e-9
+    )
     free = np.cbrt(root(lambda J: potential(J) + GEL.Nv * J ** (-1 / 3) - mu))
     assert abs(float(force(free))) < 1e-9 * 4 * GEL.Nv
 
@@ -86,7 +98,11 @@ def test_other_networks_swell_freely_as_their_energy_says(network):
     @jax.jit
     def energy(plane, axial, mu):
         volume = plane**2 * axial
-        return network(plane * jnp.eye(2), gel, axial) + gel.volumetric(volume, gel) - mu * (volume - 1)
+        return (
+            network(plane * jnp.eye(2), gel, axial)
+            + gel.volumetric(volume, gel)
+            - mu * (volume - 1)
+        )
 
     for mu in (-1.0, -0.1):
         stretch = root(lambda s, mu=mu: slope(lambda s: energy(s, s, mu), s), 1.01, 1.9)
@@ -95,7 +111,14 @@ def test_other_networks_swell_freely_as_their_energy_says(network):
         assert float(free_swelling(mu, gel, 0.9)) == pytest.approx(plane, rel=1e-6)
 
 
-@pytest.mark.parametrize("network", [GEL.network, *(pytest.param(of, marks=pytest.mark.slow) for of in (Gent(30.0), ArrudaBoyce(8.0)))])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "network",
+    [
+        GEL.network,
+        *(pytest.param(of, marks=pytest.mark.slow) for of in (Gent(30.0), ArrudaBoyce(8.0))),
+    ],
+)
 def test_derivatives_are_those_of_the_energy(block, network, check_derivatives):
     check_derivatives(block[0].model, dataclasses.replace(GEL, network=network))
 
@@ -108,8 +131,13 @@ def _rates(function, slope, steps):
 
 @pytest.mark.slow
 def test_derivatives_by_the_stretch(tiny_plate):
-    """First ones by Taylor rates, the second by a difference of first ones; of a plate with a hole."""
-    held = dataclasses.replace(tiny_plate, kinematics="generalised plane strain", axial_stretch=1.15)
+    """First ones by Taylor rates, the second by a difference of first ones.
+
+    Of a plate with a hole.
+    """
+    held = dataclasses.replace(
+        tiny_plate, kinematics="generalised plane strain", axial_stretch=1.15
+    )
     model = jaxgel.discretise(jaxgel.make_cloud(held))
 
     def read(t):
@@ -129,14 +157,33 @@ def own_network(F, gel):
 def test_what_is_not_possible_is_said_in_one_line(tiny_plate, block):
     held = dict(kinematics="generalised plane strain")
     for wrong in (0.0, -1.0, np.nan, "free", [1.0]):
-        with pytest.raises(ValueError, match=r"^axial_stretch: [^\n]* is not accepted, it must be a finite number > 0$"):
+        with pytest.raises(
+            ValueError,
+            match=r"^axial_stretch: [^\n]* is not accepted, it must be a finite number > 0$",
+        ):
             dataclasses.replace(tiny_plate, **held, axial_stretch=wrong)
-    with pytest.raises(ValueError, match=r"^axial_stretch: is missing; generalised plane strain takes a finite number > 0, 1 for [^\n]*$"):
+    with pytest.raises(
+        ValueError,
+        match=(
+            r"^axial_stretch: is missing; generalised plane strain takes a finite number > 0, 1 "
+            r"for [^\n]*$"
+        ),
+    ):
         dataclasses.replace(tiny_plate, **held)
     for kinematics in ("plane strain", "plane stress"):
-        with pytest.raises(ValueError, match=r"^axial_stretch: 1\.1 is not accepted in plane str[^\n]*$"):
+        with pytest.raises(
+            ValueError, match=r"^axial_stretch: 1\.1 is not accepted in plane str[^\n]*$"
+        ):
             dataclasses.replace(tiny_plate, kinematics=kinematics, axial_stretch=1.1)
-    with pytest.raises(ValueError, match=r"is not accepted in generalised plane strain, it must be neo_hookean, Gent or ArrudaBoyce$"):
-        jaxgel.sweep(jaxgel.Problem(block[0].model, dataclasses.replace(GEL, network=own_network)), MU)
+    with pytest.raises(
+        ValueError,
+        match=(
+            r"is not accepted in generalised plane strain, it must be neo_hookean, Gent or "
+            r"ArrudaBoyce$"
+        ),
+    ):
+        jaxgel.sweep(
+            jaxgel.Problem(block[0].model, dataclasses.replace(GEL, network=own_network)), MU
+        )
     with pytest.raises(ValueError, match=r"leave no room to swell in"):
         swollen("roller", 0.9)

@@ -6,11 +6,17 @@ import pytest
 import jaxgel
 
 EDGES = ("left", "right", "bottom", "top")
+ROLLERS, PERIODIC = (
+    pytest.param(dict.fromkeys(EDGES, kind), marks=pytest.mark.slow)
+    for kind in ("roller", "periodic")
+)
 
 
-@pytest.mark.parametrize("edges", [{"top": "free"}, dict.fromkeys(EDGES, "roller"), dict.fromkeys(EDGES, "periodic")])
+@pytest.mark.parametrize("edges", [{"top": "free"}, ROLLERS, PERIODIC])
 def test_derivatives_are_those_of_the_energy_for_all_edges(edges, check_derivatives):
-    plate = jaxgel.Plate(4, 4, [jaxgel.Circle((0.0, 0.0), 1.1)], edges=edges, spacing=2 / 3, nodes_per_hole=12)
+    plate = jaxgel.Plate(
+        4, 4, [jaxgel.Circle((0.0, 0.0), 1.1)], edges=edges, spacing=2 / 3, nodes_per_hole=12
+    )
     check_derivatives(jaxgel.discretise(jaxgel.make_cloud(plate)), jaxgel.Gel())
 
 
@@ -19,5 +25,8 @@ def stiffening(F, gel):
     return 0.5 * gel.Nv * jnp.sum(F**2) * (1 + 0.1 * jnp.sum(F**2))
 
 
-def test_derivatives_are_those_of_the_energy_for_a_network_of_a_user(square_model, check_derivatives):
+@pytest.mark.slow
+def test_derivatives_are_those_of_the_energy_for_a_network_of_a_user(
+    square_model, check_derivatives
+):
     check_derivatives(square_model, jaxgel.Gel(network=stiffening))

@@ -12,7 +12,14 @@ from PIL import Image
 
 import jaxgel
 from jaxgel.observables import BY_COLUMN, QUANTITIES, field_values, history, triangles
-from jaxgel.plotting import CURVES, animate_pattern, plot_curve, plot_curves, plot_pattern, plot_patterns
+from jaxgel.plotting import (
+    CURVES,
+    animate_pattern,
+    plot_curve,
+    plot_curves,
+    plot_pattern,
+    plot_patterns,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +31,11 @@ def close_figures():
 def lines(ax, style):
     """The drawn lines of a style that hold at least one point."""
     return [
-        line for line in ax.lines if line.get_linestyle() == style and np.isfinite(line.get_ydata()).any() and len(line.get_xdata()) > 2
+        line
+        for line in ax.lines
+        if line.get_linestyle() == style
+        and np.isfinite(line.get_ydata()).any()
+        and len(line.get_xdata()) > 2
     ]
 
 
@@ -53,20 +64,27 @@ def area_mean(path, values):
 
 def test_field_j_is_the_volume_ratio_of_the_cells(path):
     np.testing.assert_allclose(
-        area_mean(path, field_values(path, "J")), jaxgel.observables.mean_volume_ratio(path), rtol=1e-9
+        area_mean(path, field_values(path, "J")),
+        jaxgel.observables.mean_volume_ratio(path),
+        rtol=1e-9,
     )  # of moments of J over patches, and of points
 
 
 def test_the_largest_stretch_is_at_least_the_root_of_the_volume_ratio(path):
-    """Between the vertices, where the stretch is taken, lines stay straight: J differs by what deformed edges bulge, 2e-3 here."""
+    """Between vertices lines stay straight: J differs by the bulge of edges, 2e-3 here."""
     assert np.all(field_values(path, "stretch") >= np.sqrt(field_values(path, "J")) * (1 - 2e-3))
 
 
 def test_a_row_of_patterns_takes_the_nearest_states(path):
     axes = plot_patterns(path, at=[path.mu[0] + 1e-3, path.mu[-1] - 1e-3])
-    assert [ax.get_title() for ax in axes] == [rf"$\mu = {mu:.4f}\,kT$" for mu in (path.mu[0], path.mu[-1])]
+    assert [ax.get_title() for ax in axes] == [
+        rf"$\mu = {mu:.4f}\,kT$" for mu in (path.mu[0], path.mu[-1])
+    ]
     assert len(axes[0].figure.axes) == 3  # one colour bar for all
-    with pytest.raises(ValueError, match=r"^mu: 1 is beyond the path, which runs from -\S+ to -0.9178; give a value within$"):
+    with pytest.raises(
+        ValueError,
+        match=r"^mu: 1 is beyond the path, which runs from -\S+ to -0.9178; give a value within$",
+    ):
         plot_patterns(path, at=[path.mu[0], 1.0])
 
 
@@ -83,7 +101,9 @@ def test_a_curve_holds_the_values_of_the_history(path, table, quantity, against)
     curve = lines(ax, "-")[0]
     first = QUANTITIES[next(iter(CURVES[quantity]))]
     np.testing.assert_allclose(curve.get_xdata(), table[against])
-    np.testing.assert_allclose(curve.get_ydata(), table[first.column] * (100 if quantity == "area_reduction" else 1))
+    np.testing.assert_allclose(
+        curve.get_ydata(), table[first.column] * (100 if quantity == "area_reduction" else 1)
+    )
     assert ax.get_ylabel() == first.axis_label("mm")
 
 
@@ -97,7 +117,9 @@ def test_unstable_states_are_dashed(path):
 
 
 def test_events_are_marked_and_what_is_invalid_is_shaded(path, table, monkeypatch):
-    gap = dataclasses.replace(BY_COLUMN["min_gap"], function=lambda _: np.array([1.0, 1.0, -0.1, -0.2]))
+    gap = dataclasses.replace(
+        BY_COLUMN["min_gap"], function=lambda _: np.array([1.0, 1.0, -0.1, -0.2])
+    )
     monkeypatch.setitem(BY_COLUMN, "min_gap", gap)
     monkeypatch.setattr("jaxgel.observables.gaps.min_gap_once", gap.function)
     axes = plot_curves(path)
@@ -106,21 +128,30 @@ def test_events_are_marked_and_what_is_invalid_is_shaded(path, table, monkeypatc
         left = table[against][2]
         (shade,) = ax.patches
         np.testing.assert_allclose(shade.get_x(), left)
-    labels = [text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()]
+    labels = [
+        text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()
+    ]
     assert "self-contact" in labels
     assert "invalid after self-contact" in labels
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", ["linear", "log", "sqrt", None])
 def test_a_curve_in_time_has_the_scale_that_is_asked_for(in_time, scale):
     ax = plot_curve(in_time, "uptake", scale=scale)
     (curve,) = lines(ax, "-")
-    np.testing.assert_allclose(curve.get_xdata(), np.sqrt(in_time.t) if scale == "sqrt" else in_time.t)
+    np.testing.assert_allclose(
+        curve.get_xdata(), np.sqrt(in_time.t) if scale == "sqrt" else in_time.t
+    )
     np.testing.assert_allclose(curve.get_ydata(), jaxgel.uptake(in_time))
     assert ax.get_xscale() == ("log" if scale in ("log", None) else "linear")
-    assert (ax.get_xlabel(), ax.get_ylabel()) == (r"$\sqrt{t}$" if scale == "sqrt" else "time $t$", "solvent taken up (mm²)")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (
+        r"$\sqrt{t}$" if scale == "sqrt" else "time $t$",
+        "solvent taken up (mm²)",
+    )
 
 
+@pytest.mark.slow
 def test_curves_in_time_have_a_row_for_the_uptake_and_the_unit_of_time(in_time):
     control = dataclasses.replace(in_time.control, unit="h")
     timed = dataclasses.replace(in_time, problem=in_time.problem.replace(control=control))
@@ -129,22 +160,36 @@ def test_curves_in_time_have_a_row_for_the_uptake_and_the_unit_of_time(in_time):
     assert plot_curve(timed, "J").get_xlabel() == "time $t$ (h)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("time", "text"), [(0.0, "0"), (0.0316228, "0.0316"), (1234.5, "1230"), (2.5e-5, r"2.5 \times 10^{-5}"), (10.0, "10")]
+    ("time", "text"),
+    [
+        (0.0, "0"),
+        (0.0316228, "0.0316"),
+        (1234.5, "1230"),
+        (2.5e-5, r"2.5 \times 10^{-5}"),
+        (10.0, "10"),
+    ],
 )
 def test_times_are_written_with_three_digits(in_time, time, text):
     ax = plot_pattern(dataclasses.replace(in_time[:1], value=np.array([time])), field=None)
     assert ax.get_title() == f"$t = {text}$"
 
 
+@pytest.mark.slow
 def test_patterns_at_times_have_the_colours_of_the_potential_between_start_and_bath(in_time):
     axes = plot_patterns(in_time, [0.001, 0.1, 10.0], field="mu")
     (bar,) = axes[0].figure.axes[3:]
-    assert bar.get_ylim() == pytest.approx((-3.0, -1.5), abs=1e-9) and "chemical potential" in bar.get_ylabel()
-    titles = [ax.get_title() for ax in plot_patterns(in_time)]  # by default evenly spaced in the uptake
+    assert (
+        bar.get_ylim() == pytest.approx((-3.0, -1.5), abs=1e-9)
+        and "chemical potential" in bar.get_ylabel()
+    )
+    # by default evenly spaced in the uptake
+    titles = [ax.get_title() for ax in plot_patterns(in_time)]
     assert titles[0] == "$t = 0$" and len(titles) == 4
 
 
+@pytest.mark.slow
 def test_a_scale_that_an_axis_does_not_have_is_refused(path, in_time):
     with pytest.raises(ValueError, match=r"^scale: 'log' is not one of linear$"):
         plot_curve(path, "J", scale="log")
@@ -157,7 +202,9 @@ def test_a_scale_that_an_axis_does_not_have_is_refused(path, in_time):
 def test_names_that_do_not_exist_are_refused(path):
     with pytest.raises(ValueError, match="field: 'pressure' is not one of J, stretch"):
         plot_pattern(path, field="pressure")
-    with pytest.raises(ValueError, match="quantity: 'turn' is not one of J, area_reduction, rotation"):
+    with pytest.raises(
+        ValueError, match="quantity: 'turn' is not one of J, area_reduction, rotation"
+    ):
         plot_curve(path, "turn")
 
 
@@ -177,7 +224,9 @@ def test_an_mp4_has_a_frame_per_state_and_lasts_as_long_as_asked(path, tmp_path)
 def test_a_film_without_ffmpeg_is_refused_in_one_line(path, tmp_path, monkeypatch):
     monkeypatch.setattr("jaxgel.plotting.animation.FFMpegWriter.isAvailable", lambda: False)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(ValueError, match=r"^file: '.*pattern.mp4' needs the program ffmpeg; install it, [^\n]*$"):
+    with pytest.raises(
+        ValueError, match=r"^file: '.*pattern.mp4' needs the program ffmpeg; install it, [^\n]*$"
+    ):
         animate_pattern(path, tmp_path / "pattern.mp4")
     assert not list(tmp_path.iterdir())
 
@@ -190,7 +239,11 @@ def test_the_callers_settings_stay(path):
 
 def test_lengths_carry_the_unit_of_the_plate(path):
     plate = dataclasses.replace(path.model.cloud.topology.plate, unit="1e-3 mm")
-    cloud = dataclasses.replace(path.model.cloud, topology=dataclasses.replace(path.model.cloud.topology, plate=plate))
-    small = dataclasses.replace(path, problem=path.problem.replace(model=dataclasses.replace(path.model, cloud=cloud)))
+    cloud = dataclasses.replace(
+        path.model.cloud, topology=dataclasses.replace(path.model.cloud.topology, plate=plate)
+    )
+    small = dataclasses.replace(
+        path, problem=path.problem.replace(model=dataclasses.replace(path.model, cloud=cloud))
+    )
     assert plot_pattern(small).get_xlabel() == "$x$ ($10^{-3}$ mm)"
     assert plot_curve(small, "min_gap").get_ylabel() == "smallest gap ($10^{-3}$ mm)"

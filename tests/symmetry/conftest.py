@@ -5,7 +5,10 @@ import pytest
 
 from jaxgel import Circle, Ellipse, Gel, Plate, Problem, discretise, make_cloud
 
-TURNED = [Ellipse((s, t), (0.8, 0.5), 0.0 if s * t > 0 else np.pi / 2) for s, t in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+TURNED = [
+    Ellipse((s, t), (0.8, 0.5), 0.0 if s * t > 0 else np.pi / 2)
+    for s, t in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+]
 
 
 @pytest.fixture(scope="session")
@@ -31,9 +34,11 @@ def gel():
 
 @pytest.fixture(scope="session")
 def problem_of(gel):
-    """Function that prepares the problem of a plate, with another gel, loads and options of the discretisation if these are given."""
+    """Function that prepares a plate's problem, with other gel, loads and discretisation."""
 
     def prepared(plate, own=None, loads=None, **options):
-        return Problem(discretise(make_cloud(plate), **options), own or gel, loads=loads, contact=False).prepared
+        return Problem(
+            discretise(make_cloud(plate), **options), own or gel, loads=loads, contact=False
+        ).prepared
 
     return prepared

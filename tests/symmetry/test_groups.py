@@ -24,7 +24,15 @@ def test_group_of_a_plate_is_that_of_its_holes(name, plates, problem_of):
     assert name_of(problem_of(plates[name])) == name
 
 
-@pytest.mark.parametrize("name", ["sample-1", "lattice", *(pytest.param(f"sample-{k}", marks=pytest.mark.slow) for k in (4, 5, 9))])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        "sample-1",
+        "lattice",
+        *(pytest.param(f"sample-{k}", marks=pytest.mark.slow) for k in (4, 5, 9)),
+    ],
+)
 def test_clouds_of_the_samples_are_symmetric_to_round_off(name, problem_of):
     """Nodes, quadrature points and weights: the largest distance is 3e-13 of the spacing."""
     plate = jaxgel.sample(name)
@@ -33,7 +41,10 @@ def test_clouds_of_the_samples_are_symmetric_to_round_off(name, problem_of):
     model = problem.model
     for image in images(model.lists).values():
         for block in model.blocks:
-            points, weight = (np.asarray(values).reshape(len(block.weight.ravel()), -1) for values in (block.position, block.weight))
+            points, weight = (
+                np.asarray(values).reshape(len(block.weight.ravel()), -1)
+                for values in (block.position, block.weight)
+            )
             real = weight[:, 0] > 0
             apart, there = cKDTree(points[real]).query(points[real] @ image.matrix.T)
             assert apart.max() < 1e-12 * model.cloud.spacing
@@ -55,18 +66,48 @@ def test_moved_cloud_keeps_the_symmetries_of_its_plate(plates, gel):
     assert name_of(Problem(jaxgel.discretise(moved), gel, contact=False).prepared) == "D4"
 
 
+@pytest.mark.slow
 def test_edges_loads_and_fields_take_symmetries_away(plates, gel, problem_of):
     plate = plates["D4"]
-    assert name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, edges={"top": "free"}))) == "D1 (x -> -x)"
     assert (
-        name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, displacement={"right": (0.1, 0.0), "left": (-0.1, 0.0)}))) == "D2 (axes)"
+        name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, edges={"top": "free"})))
+        == "D1 (x -> -x)"
     )
-    assert name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, deformation=((1.1, 0.0), (0.0, 1.1))))) == "D4"
+    assert (
+        name_of(
+            problem_of(
+                Plate(
+                    4,
+                    4,
+                    plate.holes,
+                    spacing=0.25,
+                    displacement={"right": (0.1, 0.0), "left": (-0.1, 0.0)},
+                )
+            )
+        )
+        == "D2 (axes)"
+    )
+    assert (
+        name_of(
+            problem_of(Plate(4, 4, plate.holes, spacing=0.25, deformation=((1.1, 0.0), (0.0, 1.1))))
+        )
+        == "D4"
+    )
     for others in ("roller", "free"):  # a corner is held, and its image in y is not
         edges = {"left": "periodic", "right": "periodic", "top": others, "bottom": others}
-        assert name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, edges=edges))) == "D1 (x -> -x)"
+        assert (
+            name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, edges=edges)))
+            == "D1 (x -> -x)"
+        )
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
-    assert name_of(Problem(model, gel, loads=load_vector(model, body_force=(0.0, -1e-5)), contact=False).prepared) == "D1 (x -> -x)"
+    assert (
+        name_of(
+            Problem(
+                model, gel, loads=load_vector(model, body_force=(0.0, -1e-5)), contact=False
+            ).prepared
+        )
+        == "D1 (x -> -x)"
+    )
     stripes = PixelField(np.array([[1e-3, 2e-3, 1e-3]]), (-2.0, 2.0, -2.0, 2.0))
     assert name_of(Problem(model, Gel(stripes, 0.1), contact=False).prepared) == "D2 (axes)"
     graded = PixelField(np.array([[1e-3, 2e-3]]), (-2.0, 2.0, -2.0, 2.0))
@@ -79,7 +120,10 @@ def test_network_with_fibres_has_no_symmetry(plates):
 
     model = jaxgel.discretise(jaxgel.make_cloud(plates["D4"]))
     assert name_of(Problem(model, Gel(1e-3, 0.1, network=fibres), contact=False).prepared) == "C1"
-    assert name_of(Problem(model, Gel(1e-3, 0.1, network=jaxgel.Gent(30.0)), contact=False).prepared) == "D4"
+    assert (
+        name_of(Problem(model, Gel(1e-3, 0.1, network=jaxgel.Gent(30.0)), contact=False).prepared)
+        == "D4"
+    )
 
 
 def test_group_of_a_state(plates, problem_of):
@@ -100,10 +144,14 @@ def test_images_of_nodes_and_degrees_of_freedom(name, plates, problem_of):
     field = np.random.default_rng(0).normal(size=x.shape)
     moved = np.empty_like(field)
     moved[image.nodes] = field @ image.matrix.T
-    numbers, sign = np.where(image.dofs < 0, ~image.dofs, image.dofs), np.where(image.dofs < 0, -1.0, 1.0)
+    numbers, sign = (
+        np.where(image.dofs < 0, ~image.dofs, image.dofs),
+        np.where(image.dofs < 0, -1.0, 1.0),
+    )
     np.testing.assert_allclose(moved.ravel()[numbers], sign * field.ravel(), rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_edges_of_a_plate():
     plate = Plate(4, 4, [Rectangle((0, 0), (1, 1))], edges={"left": "fixed", "right": "fixed"})
     kept = [name for name, matrix in SYMMETRIES.items() if keeps_edges(plate, np.array(matrix))]

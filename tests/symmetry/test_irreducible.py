@@ -18,7 +18,10 @@ SYMBOLS = {
 
 @pytest.mark.parametrize("group", NAMES, ids=NAMES.get)
 def test_dimensions_add_up_to_the_order(group):
-    """The squares of the dimensions; of E of C4, two complex ones of one dimension each, the sum."""
+    """The squares of the dimensions.
+
+    Of E of C4, two complex ones of one dimension each, the sum.
+    """
     found = representations(group)
     dimensions = [2 if len(one.turns) > 1 else 1 for one in found]
     squares = sum(d if NAMES[group] == "C4" else d**2 for d in dimensions)
@@ -47,5 +50,6 @@ def test_representation_of_characters():
     assert representation_of(dict.fromkeys(group, 0.4)) == ""
     assert representation_of({"rotation by 90": 1.0}) == ""
     alone = {name: representation_of({name: -1.0}) for name in group}
-    turns = {"rotation by 90": "", "rotation by 180": "B", "rotation by 270": ""}  # a quarter turn alone is no group
+    # a quarter turn alone is no group
+    turns = {"rotation by 90": "", "rotation by 180": "B", "rotation by 270": ""}
     assert alone == {name: turns.get(name, "A''") for name in group}

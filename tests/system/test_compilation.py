@@ -1,4 +1,7 @@
-"""Programs that are compiled as a user's are give the numbers of those of the tests, which leave out LLVM's optimisation, see conftest."""
+"""Programs compiled as a user's give the tests' numbers, which lack LLVM's optimisation.
+
+See conftest.
+"""
 
 import json
 import os
@@ -13,7 +16,8 @@ from jaxgel.cli.environment import quick_flags
 NUMBERS = """
 import json, jax, jaxgel
 hole = jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)
-plate = jaxgel.Plate(8, 8, [hole], spacing=1.2, nodes_per_hole=8, core=(3.2, 3.0), gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
+gel = jaxgel.Gel(Nv=1e-3, chi=1e-4)
+plate = jaxgel.Plate(8, 8, [hole], spacing=1.2, nodes_per_hole=8, core=(3.2, 3.0), gel=gel)
 cloud = jaxgel.make_cloud(plate)
 
 def rotation(v):
@@ -39,5 +43,8 @@ def numbers():
 @pytest.mark.parametrize("flags", [[], quick_flags()], ids=["library", "command line"])
 def test_states_and_gradients_are_those_of_programs_compiled_as_a_users_are(flags, numbers):
     environment = os.environ | {"XLA_FLAGS": " ".join(flags)}
-    done = subprocess.run([sys.executable, "-c", NUMBERS], env=environment, capture_output=True, text=True, check=True)
-    np.testing.assert_allclose(json.loads(done.stdout), numbers, rtol=1e-9)  # Newton's tolerance leaves 1e-10 of the forces
+    done = subprocess.run(
+        [sys.executable, "-c", NUMBERS], env=environment, capture_output=True, text=True, check=True
+    )
+    # Newton's tolerance leaves 1e-10 of the forces
+    np.testing.assert_allclose(json.loads(done.stdout), numbers, rtol=1e-9)

@@ -1,4 +1,7 @@
-"""A run whose control is not mu and which turns back: its files, figures and page speak of the control, and it resumes to the bit."""
+"""A run with another control than mu that turns back: files, figures, page, resumption.
+
+They speak of the control, and it resumes to the bit.
+"""
 
 import csv
 import json
@@ -50,19 +53,27 @@ def test_the_files_speak_of_the_control(folder):
     run = load_run(folder)
     with (folder / "history.csv").open() as stream:
         assert next(csv.reader(stream)) == ["chi", *COLUMNS]
-    assert run.summary["control"] == {"name": "chi", "unit": ""} and run.summary["value_reached"] == 0.5
+    assert (
+        run.summary["control"] == {"name": "chi", "unit": ""}
+        and run.summary["value_reached"] == 0.5
+    )
     np.testing.assert_array_equal(run.states["value"], run.history["chi"])
     np.testing.assert_array_equal(run.states["mu"], -2.0)
     assert (run.value[0], run.value.min(), run.value[-1]) == (0.5, 0.3, 0.5)
 
 
 def test_the_way_back_has_the_states_of_the_way_there(turned):
-    """Without a fold between: both ends have states on both ways, which Newton's method finds to its tolerance."""
+    """Without a fold: both ends have equal states on both ways, to Newton's tolerance."""
     np.testing.assert_allclose(turned.x[-1], turned.x[0], atol=1e-9)
 
 
-@pytest.mark.parametrize("states", ["middle", *(pytest.param(k, marks=pytest.mark.slow) for k in (1, "all but one"))])
-def test_a_killed_run_goes_on_from_its_last_state_by_way_of_the_turning_point(states, folder, tmp_path):
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "states", ["middle", *(pytest.param(k, marks=pytest.mark.slow) for k in (1, "all but one"))]
+)
+def test_a_killed_run_goes_on_from_its_last_state_by_way_of_the_turning_point(
+    states, folder, tmp_path
+):
     whole = load_run(folder)
     count = len(whole.mu)
     k = {"middle": count // 2 + 1, "all but one": count - 1}.get(states, states)
@@ -87,12 +98,17 @@ def test_a_run_of_another_control_is_refused_in_one_line(folder, tmp_path, capsy
     assert "the control of the run in" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_time_in_paraview_increases_and_the_control_is_a_field(turned, tmp_path):
     write_series(turned, tmp_path)
     sets = ElementTree.parse(tmp_path / "series.pvd").getroot().findall("Collection/DataSet")
-    assert [float(entry.get("timestep")) for entry in sets] == [float(k) for k in range(len(turned))]
+    assert [float(entry.get("timestep")) for entry in sets] == [
+        float(k) for k in range(len(turned))
+    ]
     pyvista = pytest.importorskip("pyvista")
-    assert [float(pyvista.read(tmp_path / entry.get("file")).cell_data["chi"][0]) for entry in sets] == turned.value.tolist()
+    assert [
+        float(pyvista.read(tmp_path / entry.get("file")).cell_data["chi"][0]) for entry in sets
+    ] == turned.value.tolist()
 
 
 def test_netcdf_has_the_control_as_a_coordinate(folder, tmp_path):
@@ -102,37 +118,69 @@ def test_netcdf_has_the_control_as_a_coordinate(folder, tmp_path):
         np.testing.assert_array_equal(found["chi"], load_run(folder).value)
 
 
+@pytest.mark.slow
 def test_figures_and_page_name_the_control_and_show_both_ways(turned):
     axes = plot_curves(turned)
     assert axes[-1, 0].get_xlabel() == r"Flory's parameter $\chi$"
-    labels = [text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()]
+    labels = [
+        text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()
+    ]
     assert labels == ["control falls", "control rises"]
-    markers = [line.get_marker() for line in plot_curve(turned, "area_reduction").lines if line.get_linestyle() == "-"]
+    markers = [
+        line.get_marker()
+        for line in plot_curve(turned, "area_reduction").lines
+        if line.get_linestyle() == "-"
+    ]
     assert markers == ["<", ">"]
     assert plot_pattern(turned, 0).get_title() == r"Flory's parameter $\chi$ = 0.5000"
-    assert [ax.get_title()[-6:] for ax in plot_patterns(turned)][-1] == "0.5000"  # evenly spaced along the way, there and back
+    # evenly spaced along the way, there and back
+    assert [ax.get_title()[-6:] for ax in plot_patterns(turned)][-1] == "0.5000"
     plt.close("all")
     data = json.loads(page(turned).split('id="data">')[1].split("</script>")[0])
-    assert data["control"] == {"label": "Flory's parameter χ", "unit": ""} and data["value"] == turned.value.tolist()
+    assert (
+        data["control"] == {"label": "Flory's parameter χ", "unit": ""}
+        and data["value"] == turned.value.tolist()
+    )
 
 
+@pytest.mark.slow
 def test_events_say_where_the_control_was_and_which_way_it_went(turned):
     table = history(turned)
     pivots = np.zeros(len(turned), dtype=int)
     pivots[-1] = 1
     (event,) = events(table | {"negative_pivots": pivots})
-    assert (event["state"], event["chi"], event["chi_before"]) == (len(turned) - 1, 0.5, turned.value[-2])
+    assert (event["state"], event["chi"], event["chi_before"]) == (
+        len(turned) - 1,
+        0.5,
+        turned.value[-2],
+    )
     assert event["text"].endswith(f"between chi = {turned.value[-2]:.4f} and 0.5000")
 
 
 def test_an_outline_is_that_at_a_value_of_the_control(folder, tmp_path):
-    assert cli.main(["outline", str(folder), "--at", "0.31", "--format", "svg", "--out", str(tmp_path / "gel.svg")]) == 0
+    assert (
+        cli.main(
+            [
+                "outline",
+                str(folder),
+                "--at",
+                "0.31",
+                "--format",
+                "svg",
+                "--out",
+                str(tmp_path / "gel.svg"),
+            ]
+        )
+        == 0
+    )
     turning = int(load_run(folder).value.argmin())
     write_outline(swollen_gel(load_path(folder), turning), tmp_path / "turning.svg")
     assert (tmp_path / "gel.svg").read_bytes() == (tmp_path / "turning.svg").read_bytes()
 
 
 def test_progress_goes_on_where_the_control_turns():
-    with Progress([25.0, 40.0, 25.0], quiet=True, name="temperature", unit="°C", done=[25.0, 40.0]) as progress:
+    with Progress(
+        [25.0, 40.0, 25.0], quiet=True, name="temperature", unit="°C", done=[25.0, 40.0]
+    ) as progress:
         progress.show(State(30.0, 0.0, np.zeros((1, 2)), np.zeros(1)))
         assert progress.way == 25.0 and progress.bar.total == 30.0

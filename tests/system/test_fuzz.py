@@ -1,4 +1,7 @@
-"""Two hundred damaged case files and folders end in exit code 2 and one line: no traceback, bounded time and memory."""
+"""Two hundred damaged files and folders end in exit code 2 and one line.
+
+No traceback, bounded time and memory.
+"""
 
 import functools
 import re
@@ -86,11 +89,15 @@ def mutated(text, rng):
     return bytes(content)
 
 
-MUTATIONS = [range(5), pytest.param(range(5, 100), marks=pytest.mark.slow)]  # of the case file, and as many of a folder's files
+# of the case file, and as many of a folder's files
+MUTATIONS = [range(5), pytest.param(range(5, 100), marks=pytest.mark.slow)]
 
 
 def first_refused(attempt, capsys):
-    """Damage inputs by ``attempt()``, which gives the command that reads one, until one is refused; what still is an input runs."""
+    """Damage inputs by ``attempt()``, which gives the command that reads one, until one is refused.
+
+    What still is an input runs.
+    """
     signal.alarm(SECONDS)
     while not refused(attempt(), capsys):
         pass
@@ -99,7 +106,8 @@ def first_refused(attempt, capsys):
 @pytest.mark.parametrize("numbers", MUTATIONS, ids=len)
 def test_a_mutated_case_file_is_refused_in_one_line(numbers, bounded, only_read, tmp_path, capsys):
     text, file = case_text(example()), tmp_path / "case.toml"
-    text = "\n".join(line.split(" # ")[0] for line in text.splitlines())  # damage of comments changes nothing
+    # damage of comments changes nothing
+    text = "\n".join(line.split(" # ")[0] for line in text.splitlines())
 
     def attempt(rng):
         file.write_bytes(mutated(text, rng))
@@ -112,19 +120,37 @@ def test_a_mutated_case_file_is_refused_in_one_line(numbers, bounded, only_read,
 def test_hostile_toml_is_refused(bounded, only_read, tmp_path, capsys):
     file = tmp_path / "case.toml"
     nested, digits = "a = " + "[" * 2000 + "]" * 2000, "[plate]\nwidth = " + "9" * 5000
-    for text in (nested, "a." * 3000 + "b = 1", digits, "\x00", "\ufeff[plate]", "[[plate]]\n" * 50):
+    for text in (
+        nested,
+        "a." * 3000 + "b = 1",
+        digits,
+        "\x00",
+        "\ufeff[plate]",
+        "[[plate]]\n" * 50,
+    ):
         file.write_text(text)
         assert refused(["run", str(file)], capsys), text[:20]
 
 
 @pytest.mark.parametrize("numbers", MUTATIONS, ids=len)
-def test_a_mutated_folder_is_refused_in_one_line(numbers, bounded, run_folder, path, tmp_path, monkeypatch, capsys):
-    """By resume and by plot, both of which read all three files; what would be computed from them is left out."""
+def test_a_mutated_folder_is_refused_in_one_line(
+    numbers, bounded, run_folder, path, tmp_path, monkeypatch, capsys
+):
+    """By resume and by plot, both of which read all three files.
+
+    What would be computed from them is left out.
+    """
     monkeypatch.setattr("jaxgel.cases.case.Case.model", lambda case: path.model)
-    monkeypatch.setattr("jaxgel.cases.resume.Recorder", lambda _, case, *__: SimpleNamespace(case=case, begin=lambda _: None))
+    monkeypatch.setattr(
+        "jaxgel.cases.resume.Recorder",
+        lambda _, case, *__: SimpleNamespace(case=case, begin=lambda _: None),
+    )
     for name in ("run_recorded", "draw"):
         monkeypatch.setattr(folders, name, lambda *_, **__: 0)
-    files = {name: (run_folder / name).read_bytes() for name in ("summary.json", "history.csv", "states.npz")}
+    files = {
+        name: (run_folder / name).read_bytes()
+        for name in ("summary.json", "history.csv", "states.npz")
+    }
 
     def attempt(rng):
         for name, content in files.items():

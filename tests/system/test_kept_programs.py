@@ -1,4 +1,4 @@
-"""Programs that are kept in a folder: what a second process does with them, and files that are not used."""
+"""Programs kept in a folder: their use by a second process, and unusable files."""
 
 import functools
 import os
@@ -23,7 +23,8 @@ GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
 PROCESS = """
 import sys, jax
 names = []
-jax.monitoring.register_event_duration_secs_listener(lambda event, _, **of: names.append(str(of.get("fun_name"))))
+listen = jax.monitoring.register_event_duration_secs_listener
+listen(lambda event, _, **of: names.append(str(of.get("fun_name"))))
 import jaxgel
 jaxgel.keep_programs(sys.argv[1])
 gel = jaxgel.Gel(Nv=1e-3, chi=0.2)
@@ -92,7 +93,12 @@ def test_a_second_process_neither_traces_nor_lowers_and_has_the_same_bits(tmp_pa
     """The first one's programs are tried by a process that outlives it."""
 
     def process():
-        done = subprocess.run([sys.executable, "-c", PROCESS, str(tmp_path)], check=True, capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-c", PROCESS, str(tmp_path)],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
         assert not done.stderr
         *values, count = done.stdout.split()
         return values, int(count)
@@ -113,7 +119,12 @@ def test_a_kept_program_is_loaded(folder):
 def test_damaged_files_are_compiled_anew(folder):
     (file,) = folder.glob("*/*")
     content = file.read_bytes()
-    for damaged in (b"", content[:20], content[:-1], content[:100] + bytes([content[100] ^ 1]) + content[101:]):
+    for damaged in (
+        b"",
+        content[:20],
+        content[:-1],
+        content[:100] + bytes([content[100] ^ 1]) + content[101:],
+    ):
         file.write_bytes(damaged)
         PROGRAMS.forget_kept()
         assert not loads(folder), len(damaged)
@@ -193,7 +204,15 @@ def test_derivatives_by_kept_programs_are_those_without(tmp_path):
 
     def derivatives():
         return [
-            *(derivative(length)(angle) for derivative in (jax.grad, jax.jacfwd, jax.jacrev, lambda f: jax.grad(jax.grad(f)))),
+            *(
+                derivative(length)(angle)
+                for derivative in (
+                    jax.grad,
+                    jax.jacfwd,
+                    jax.jacrev,
+                    lambda f: jax.grad(jax.grad(f)),
+                )
+            ),
             jax.jvp(length, (angle,), (2.0 * angle,))[1],
             *jax.grad(lambda axes: length(angle, axes))((3.0, 2.0)),
             jax.vmap(jax.grad(length))(angle[None])[0],
@@ -204,7 +223,9 @@ def test_derivatives_by_kept_programs_are_those_without(tmp_path):
     expected = derivatives()
     with keeping(tmp_path):
         np.testing.assert_allclose(derivatives(), expected, rtol=1e-12)
-    assert any("reverse" in name for name in files(tmp_path)) and any("tangent" in name for name in files(tmp_path))
+    assert any("reverse" in name for name in files(tmp_path)) and any(
+        "tangent" in name for name in files(tmp_path)
+    )
 
 
 def test_users_functions_and_classes_are_not_kept(tmp_path):
@@ -220,18 +241,42 @@ def test_users_functions_and_classes_are_not_kept(tmp_path):
 
 
 def test_values_are_described_by_their_content():
-    same = [described((1, "a", None, np.arange(3), jaxgel.free_swelling, jax.tree.structure({"b": (1, None)}))) for _ in range(2)]
+    same = [
+        described(
+            (1, "a", None, np.arange(3), jaxgel.free_swelling, jax.tree.structure({"b": (1, None)}))
+        )
+        for _ in range(2)
+    ]
     assert same[0] == same[1]
-    values = (1, 1.0, True, "1", None, np.arange(3), np.arange(3.0), np.arange(1, 4), (1, 2), [1, 2], jax.tree.structure((1, 2)))
+    values = (
+        1,
+        1.0,
+        True,
+        "1",
+        None,
+        np.arange(3),
+        np.arange(3.0),
+        np.arange(1, 4),
+        (1, 2),
+        [1, 2],
+        jax.tree.structure((1, 2)),
+    )
     assert len({described(value) for value in values}) == len(values)
 
 
 @pytest.mark.slow
 def test_the_command_line_keeps_programs_with_its_cache_and_not_without():
     def root(**variables):
-        code = "from jaxgel.cli.environment import prepare_environment as p; p(); from jaxgel._kept import KEPT; print(KEPT.root)"
-        inherited = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
-        return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, env=inherited | variables).stdout.decode()
+        code = (
+            "from jaxgel.cli.environment import prepare_environment as p; p(); from jaxgel._kept "
+            "import KEPT; print(KEPT.root)"
+        )
+        inherited = {
+            name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"
+        }
+        return subprocess.run(
+            [sys.executable, "-c", code], check=True, capture_output=True, env=inherited | variables
+        ).stdout.decode()
 
     assert root(JAXGEL_CACHE="/own") == "/own/programs\n"
     assert root(JAXGEL_CACHE="off") == "None\n"
@@ -258,10 +303,13 @@ def test_a_sweep_and_its_gradient_are_those_without_kept_programs(tmp_path):
     assert any("_over_states" in name for name in files(tmp_path))
 
 
-def test_nothing_is_kept_or_loaded_of_sources_that_were_edited_after_the_import(folder, monkeypatch):
+def test_nothing_is_kept_or_loaded_of_sources_that_were_edited_after_the_import(
+    folder, monkeypatch
+):
     before = files(folder)
     monkeypatch.setattr(KEPT, "_imported", 0.0)  # earlier than any source
     monkeypatch.setattr(KEPT, "_looked", -np.inf)
     assert jaxgel.free_swelling(-1.0, GEL) == plain()
-    assert jaxgel.free_swelling(np.array([-1.0, -0.5]), GEL).shape == (2,)  # of a program that is not kept yet
+    # of a program that is not kept yet
+    assert jaxgel.free_swelling(np.array([-1.0, -0.5]), GEL).shape == (2,)
     assert KEPT.root is None and files(folder) == before

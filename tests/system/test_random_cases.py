@@ -1,4 +1,4 @@
-"""Random gels and ranges of mu on a tiny cloud end as a path that obeys mechanics, or as one clear line.
+"""Random gels and mu on a tiny cloud end as a path that obeys mechanics, or as one line.
 
 tests/random_cases.py draws everything at random, clouds too, for as many cases as one likes.
 """
@@ -14,10 +14,14 @@ from random_cases import faults, outcome, random_time_table
 import jaxgel
 from jaxgel.continuation import SweepFailed
 
-GELS = st.builds(lambda power, chi: jaxgel.Gel(10**power, chi), st.floats(-5, -1), st.floats(1e-9, 1.2))
+GELS = st.builds(
+    lambda power, chi: jaxgel.Gel(10**power, chi), st.floats(-5, -1), st.floats(1e-9, 1.2)
+)
 
 
-EASY = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+EASY = settings(
+    deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 SWEEPS = given(
     gel=GELS,
     ends=st.tuples(st.floats(-8, -1), st.floats(-1, 0)).filter(lambda ends: ends[0] < ends[1]),
@@ -34,7 +38,9 @@ SWEEPS = given(
 @example(gel=jaxgel.Gel(1e-1, 1e-9), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
 @example(gel=jaxgel.Gel(1e-5, 1.2), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
 @example(gel=jaxgel.Gel(1e-1, 1.2), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
-def test_random_sweeps_obey_mechanics_or_say_why_not(tiny_model, gel, ends, chosen, branch, contact):
+def test_random_sweeps_obey_mechanics_or_say_why_not(
+    tiny_model, gel, ends, chosen, branch, contact
+):
     obeys(tiny_model, gel, ends, chosen, branch, contact)
 
 
@@ -42,7 +48,9 @@ def obeys(tiny_model, gel, ends, chosen, branch, contact):
     """The sweep has no faults, and its reason is one line."""
     mu = jaxgel.Adaptive(*ends) if chosen else np.linspace(*ends, 3).tolist()
     try:
-        path = jaxgel.sweep(jaxgel.Problem(tiny_model, gel, contact=contact == "on"), mu, branch=branch)
+        path = jaxgel.sweep(
+            jaxgel.Problem(tiny_model, gel, contact=contact == "on"), mu, branch=branch
+        )
     except SweepFailed as failed:
         reason = str(failed)
     else:

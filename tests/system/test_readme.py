@@ -46,12 +46,28 @@ def test_the_case_file_is_a_case(tmp_path):
 def test_the_case_file_can_be_run(tmp_path):
     (text,) = blocks("toml")
     (tmp_path / "valve.toml").write_text(text)
-    changes = ["--mu-start", "-3", "--mu-end", "-2", "--steps", "2", "--spacing", "0.8", "--no-plots", "--quiet"]
-    assert cli.main(["run", str(tmp_path / "valve.toml"), "--out", str(tmp_path / "out"), *changes]) == 0
+    changes = [
+        "--mu-start",
+        "-3",
+        "--mu-end",
+        "-2",
+        "--steps",
+        "2",
+        "--spacing",
+        "0.8",
+        "--no-plots",
+        "--quiet",
+    ]
+    assert (
+        cli.main(["run", str(tmp_path / "valve.toml"), "--out", str(tmp_path / "out"), *changes])
+        == 0
+    )
     assert len(load_run(tmp_path / "out").mu) == 2
 
 
-@pytest.mark.parametrize("command", re.findall(r"`jaxgel ([^`\n]*)`", README) + ["run sample-1 --out out/sample-1"])
+@pytest.mark.parametrize(
+    "command", re.findall(r"`jaxgel ([^`\n]*)`", README) + ["run sample-1 --out out/sample-1"]
+)
 def test_commands_in_the_text_are_commands(command):
     words = command.split()
     if words[-1] == "--help":
@@ -63,7 +79,9 @@ def test_commands_in_the_text_are_commands(command):
 
 def test_the_readme_is_short_and_its_links_lead_somewhere():
     assert len(README.splitlines()) < 150
-    links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if not link.startswith("https://")]
+    links = [
+        link for link in re.findall(r"\]\(([^)]+)\)", README) if not link.startswith("https://")
+    ]
     assert links and all((ROOT / link).exists() for link in links)
 
 
@@ -74,14 +92,27 @@ def test_the_installed_and_the_documented_dependencies_agree():
     table = re.search(r"^\| package \|.*?\n\n", text, flags=re.MULTILINE | re.DOTALL)
     assert listed
     assert table
-    names = {re.match(r"[\w-]+", entry).group() for entry in re.findall(r'"([^"]+)"', listed.group(1))}
-    documented = {name.strip() for row in table.group().splitlines()[2:] if row for name in row.split("|")[1].split(",")}
+    names = {
+        re.match(r"[\w-]+", entry).group() for entry in re.findall(r'"([^"]+)"', listed.group(1))
+    }
+    documented = {
+        name.strip()
+        for row in table.group().splitlines()[2:]
+        if row
+        for name in row.split("|")[1].split(",")
+    }
     assert documented == names
 
 
 def test_every_dotted_name_of_the_documentation_resolves_after_importing_jaxgel_alone():
     pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-    names = {name for page in pages for name in re.findall(r"(?<![\w./-])jaxgel(?:\.[A-Za-z_]\w*)+", page.read_text(encoding="utf-8"))}
+    names = {
+        name
+        for page in pages
+        for name in re.findall(
+            r"(?<![\w./-])jaxgel(?:\.[A-Za-z_]\w*)+", page.read_text(encoding="utf-8")
+        )
+    }
     names -= {name for name in names if name.rpartition(".")[2] in {"toml", "py", "html"}}
     assert len(names) > 50
     program = (
@@ -93,5 +124,7 @@ def test_every_dotted_name_of_the_documentation_resolves_after_importing_jaxgel_
         "        return name\n"
         "print(*filter(None, map(missing, sys.argv[1:])))"
     )
-    found = subprocess.run([sys.executable, "-c", program, *sorted(names)], capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        [sys.executable, "-c", program, *sorted(names)], capture_output=True, text=True, check=True
+    )
     assert found.stdout.split() == []

@@ -1,4 +1,4 @@
-"""The recipes of docs/architecture.md, "Where to add", followed word by word on a copy of the package, and run there."""
+"""Recipes of docs/architecture.md, "Where to add", followed in a copy of the package."""
 
 import json
 import os
@@ -76,7 +76,9 @@ class Shear:
     def __call__(self, value: Scalar, gel: Any) -> Setting:
         return Setting(self.mu, gel, deformation=jnp.eye(2).at[0, 1].set(value))
 '''
-KINDS_OF_CONTROLS = '''    "shear": Kind(lambda own: edges.Shear(own["mu"]), "", "shear", "shear of the edges", ".4f"),
+KINDS_OF_CONTROLS = '''    "shear": Kind(
+        lambda own: edges.Shear(own["mu"]), "", "shear", "shear of the edges", ".4f"
+    ),
     "Nv": Kind(_driven("Nv"), "", "Nv", "density of chains", ".4g", 1e-3),
 }
 """Name -> what'''
@@ -89,25 +91,46 @@ def kinds(args: Namespace) -> int:
     print(*KINDS)
     return DONE
 '''
-QUANTITY = """    Quantity("top_edge", top_edge, "mm", "top edge", "mean displacement of the top edge", column="top_edge", **_STUDIED),
+QUANTITY = """    Quantity(
+        "top_edge",
+        top_edge,
+        "mm",
+        "top edge",
+        "mean displacement of the top edge",
+        column="top_edge",
+        **_STUDIED,
+    ),
     *(_macroscopic"""
-RECIPES = {  # recipe -> file below jaxgel/, what is replaced (the end of the file for None) and by what
+# recipe -> file below jaxgel/, what is replaced (the end of the file for None) and by what
+RECIPES = {
     "hole": [
         ("geometry/holes.py", "\nKINDS: Mapping", HOLE),
-        ("geometry/holes.py", "Fourier, Polygon)}", "Fourier, Polygon, Egg)}"),
+        ("geometry/holes.py", "Fourier, Polygon)\n}", "Fourier, Polygon, Egg)\n}"),
         ("geometry/__init__.py", "KINDS, Circle, Ellipse,", "KINDS, Circle, Egg, Ellipse,"),
         ("geometry/__init__.py", '    "Ellipse",', '    "Egg",\n    "Ellipse",'),
-        ("__init__.pyi", "from .geometry import Ellipse", "from .geometry import Egg as Egg\nfrom .geometry import Ellipse"),
+        (
+            "__init__.pyi",
+            "from .geometry import Ellipse",
+            "from .geometry import Egg as Egg\nfrom .geometry import Ellipse",
+        ),
     ],
     "network energy": [
         ("materials/gel.py", "\ndef network_at(", ENERGY),
         ("materials/__init__.py", "    Gent,", "    Gent,\n    Quadratic,"),
         ("materials/__init__.py", '    "Gent",', '    "Gent",\n    "Quadratic",'),
-        ("__init__.pyi", "from .materials import Gent as", "from .materials import Quadratic as Quadratic\nfrom .materials import Gent as"),
+        (
+            "__init__.pyi",
+            "from .materials import Gent as",
+            "from .materials import Quadratic as Quadratic\nfrom .materials import Gent as",
+        ),
     ],
     "observable": [
         ("observables/rotation.py", None, OBSERVABLE),
-        ("observables/quantities.py", "import core_rotation, rotation_angle", "import core_rotation, rotation_angle, top_edge"),
+        (
+            "observables/quantities.py",
+            "import core_rotation, rotation_angle",
+            "import core_rotation, rotation_angle, top_edge",
+        ),
         ("observables/quantities.py", "    *(_macroscopic", QUANTITY),
     ],
     "control": [
@@ -116,9 +139,13 @@ RECIPES = {  # recipe -> file below jaxgel/, what is replaced (the end of the fi
     ],
     "command": [
         ("cli/starting.py", None, COMMAND),
-        ("cli/parser.py", "    _case_commands(add)\n", '    add("starting.kinds", "kinds", "kinds of holes")\n    _case_commands(add)\n'),
+        (
+            "cli/parser.py",
+            "    case_commands(add)\n",
+            '    add("starting.kinds", "kinds", "kinds of holes")\n    case_commands(add)\n',
+        ),
     ],
-}  # fmt: skip
+}
 CASE = """
 [plate]
 width = 4.0
@@ -146,11 +173,14 @@ from jaxgel.cases import load_case, load_path
 from jaxgel.observables import history
 codes, rows = [jaxgel.cli.main(["kinds"])], {}
 for control in sys.argv[1:]:
-    codes.append(jaxgel.cli.main(["run", f"{control}.toml", "--no-plots", "--quiet", "--out", control]))
+    options = ["--no-plots", "--quiet", "--out", control]
+    codes.append(jaxgel.cli.main(["run", f"{control}.toml", *options]))
     path = load_path(control)
     table = history(path)
-    rows[control] = {"controls": list(map(float, table[control])), "top_edge": list(map(float, table["top_edge"]))}
-    rows[control]["gel"], rows[control]["hole"] = repr(path.gel), repr(type(path.model.cloud.plate.holes[0]) is jaxgel.Egg)
+    columns = {"controls": table[control], "top_edge": table["top_edge"]}
+    rows[control] = {name: list(map(float, values)) for name, values in columns.items()}
+    rows[control]["gel"] = repr(path.gel)
+    rows[control]["hole"] = repr(type(path.model.cloud.plate.holes[0]) is jaxgel.Egg)
 print(json.dumps([codes, rows, jaxgel.Quadratic.__name__, load_case("Nv.toml").sweep.control]))
 """
 VALUES = {"shear": [0.0, 0.1], "Nv": [1e-3, 2e-3]}
@@ -158,24 +188,37 @@ VALUES = {"shear": [0.0, 0.1], "Nv": [1e-3, 2e-3]}
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory):
-    """Folder with a copy of the package in which all recipes were followed, and a case for either control."""
+    """Folder with a copy of the package after all recipes, and a case for either control."""
     folder = tmp_path_factory.mktemp("recipes")
-    shutil.copytree(ROOT / "jaxgel", folder / "jaxgel", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "jaxgel", folder / "jaxgel", ignore=shutil.ignore_patterns("__pycache__")
+    )
     for name, old, new in (edit for edits in RECIPES.values() for edit in edits):
         file = folder / "jaxgel" / name
         text = file.read_text(encoding="utf-8")
         assert old is None or text.count(old) == 1, f"{name} does not have {old!r} once"
         file.write_text(text + new if old is None else text.replace(old, new), encoding="utf-8")
-    (folder / "mine.py").write_text("import jaxgel\ndef gel(Nv, chi, c):\n    return jaxgel.Gel(Nv, chi, network=jaxgel.Quadratic(c))\n")
+    (folder / "mine.py").write_text(
+        "import jaxgel\ndef gel(Nv, chi, c):\n"
+        "    return jaxgel.Gel(Nv, chi, network=jaxgel.Quadratic(c))\n"
+    )
     for control, values in VALUES.items():
         (folder / f"{control}.toml").write_text(CASE.format(control=control, values=values))
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["shear", pytest.param("Nv", marks=pytest.mark.slow)])
 def test_the_recipes_make_a_hole_an_energy_an_observable_two_controls_and_a_command(copy, control):
     variables = os.environ | {"PYTHONPATH": str(copy)}
-    done = subprocess.run([sys.executable, "-c", RUN, control], cwd=copy, env=variables, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, control],
+        cwd=copy,
+        env=variables,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     kinds, *_, answer = done.stdout.splitlines()
     codes, rows, energy, other = json.loads(answer)
@@ -183,7 +226,8 @@ def test_the_recipes_make_a_hole_an_energy_an_observable_two_controls_and_a_comm
     row = rows[control]
     assert row["controls"] == VALUES[control]
     assert "Quadratic(c=0.001)" in row["gel"] and row["hole"] == "True"
-    assert row["top_edge"] == pytest.approx([0.0, 0.0], abs=1e-9)  # the edges of the plate do not move along y
+    # the edges of the plate do not move along y
+    assert row["top_edge"] == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 def test_the_recipes_name_every_file_that_is_changed():

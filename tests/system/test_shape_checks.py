@@ -1,4 +1,4 @@
-"""The run-time checks of annotations (tests/shape_checks.py) find what is wrong and nothing else."""
+"""Run-time checks of annotations (tests/shape_checks.py) report errors and nothing else."""
 
 import dataclasses
 
@@ -29,7 +29,12 @@ class Nodes:
 def test_right_shapes_pass_and_wrong_ones_are_found():
     x = np.ones((3, 2))
     assert stretched(x, np.ones(3)).shape == (3, 2)
-    for arguments in ((np.ones((3, 3)), np.ones(3)), (x, np.ones(1)), (x.astype(int), np.ones(3)), (x, np.zeros(3))):
+    for arguments in (
+        (np.ones((3, 3)), np.ones(3)),
+        (x, np.ones(1)),
+        (x.astype(int), np.ones(3)),
+        (x, np.zeros(3)),
+    ):
         with pytest.raises(jaxtyping.TypeCheckError):
             stretched(*arguments)
 

@@ -17,12 +17,22 @@ from jaxgel.verification.several_clouds import spacings_near
 
 GEL, MU = jaxgel.Gel(Nv=1e-3, chi=1e-4), [-4.0, -3.0, -2.0]
 BEAM = """
-plate = { width = 4.0, height = 0.5, edges = { left = "fixed", right = "fixed", top = "free", bottom = "free" } }
 gel = { Nv = 1e-3, chi = 1e-4 }
 sweep = { mu = [-4.5, -1.0] }
 discretisation = { spacing = 0.125 }
+[plate]
+width = 4.0
+height = 0.5
+edges = { left = "fixed", right = "fixed", top = "free", bottom = "free" }
 """
-PLATE = jaxgel.Plate(8, 8, [jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)], spacing=0.8, nodes_per_hole=16, core=(3.2, 3.0))
+PLATE = jaxgel.Plate(
+    8,
+    8,
+    [jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)],
+    spacing=0.8,
+    nodes_per_hole=16,
+    core=(3.2, 3.0),
+)
 
 
 def path_at(spacing):
@@ -37,11 +47,17 @@ def found():
     return jaxgel.accuracy(path_at, 0.8)
 
 
+@pytest.mark.slow
 def test_squares_of_the_other_clouds_are_even(found):
-    """Spacings from about sqrt(2) coarser to sqrt(2) finer, each with an even number of squares along the side."""
+    """Spacings from about sqrt(2) coarser to sqrt(2) finer, of even numbers of squares."""
     counts = 8 / found.spacings
     np.testing.assert_allclose(counts % 2, 0, atol=1e-9)
-    assert found.spacings[0] > 0.95 and found.spacings[-1] < 0.6 and 0.8 in found.spacings and len(found.nodes) >= 4
+    assert (
+        found.spacings[0] > 0.95
+        and found.spacings[-1] < 0.6
+        and 0.8 in found.spacings
+        and len(found.nodes) >= 4
+    )
     assert spacings_near(jaxgel.Plate(8, 4), 0.5) == pytest.approx([4 / 6, 4 / 12])
 
 
@@ -54,9 +70,12 @@ def test_bars_hold_the_values_of_a_fine_cloud(found):
         quantity = jaxgel.observables.QUANTITIES[name]
         exact = np.asarray(quantity.of(fine)) * quantity.scale
         within += (np.abs(bars.own - exact) <= bars.error + 1e-9 * np.abs(exact)).tolist()
-    assert np.mean(within) >= 0.8  # of 24 numbers of one plate, whose errors go together; benchmarks/error_bars.py has twenty plates
+    # of 24 numbers of one plate, whose errors go together; benchmarks/error_bars.py has twenty
+    # plates
+    assert np.mean(within) >= 0.8
 
 
+@pytest.mark.slow
 def test_mirrored_states_are_compared_by_their_size(found):
     """A path that has buckled to the other side has the same error bars."""
 
@@ -68,13 +87,15 @@ def test_mirrored_states_are_compared_by_their_size(found):
         if spacing == 0.8:
             return path
         flipped = np.asarray(path.x).copy()
-        flipped[1:] = 2 * np.asarray(path.model.cloud.nodes) - flipped[1:]  # every displacement reversed
+        # every displacement reversed
+        flipped[1:] = 2 * np.asarray(path.model.cloud.nodes) - flipped[1:]
         return dataclasses.replace(path, x=flipped)
 
     bars = jaxgel.accuracy(mirrored, 0.8, quantities=["core_rotation"]).bars["core_rotation"]
     assert np.all(bars.values > 0)
     np.testing.assert_allclose(bars.own, found.bars["core_rotation"].own)
-    np.testing.assert_allclose(bars.values, found.bars["core_rotation"].values, rtol=0.2)  # a reversed strain is no exact mirror image
+    # a reversed strain is no exact mirror image
+    np.testing.assert_allclose(bars.values, found.bars["core_rotation"].values, rtol=0.2)
 
 
 def test_what_cannot_be_compared_is_refused(refused):
@@ -87,30 +108,50 @@ def test_what_cannot_be_compared_is_refused(refused):
     rows = [
         (lambda: jaxgel.accuracy(path_at, 0.8, quantities=["turn"]), "quantities: 'turn'"),
         (lambda: jaxgel.accuracy(lambda spacing: None, 0.8), "path_at: .* is not accepted"),
-        (lambda: jaxgel.accuracy(wandering, 0.8), "path_at: the mu at spacing .* are not those at 0.8"),
+        (
+            lambda: jaxgel.accuracy(wandering, 0.8),
+            "path_at: the mu at spacing .* are not those at 0.8",
+        ),
     ]
     refused(lambda attempt: attempt(), rows)
 
 
+@pytest.mark.slow
 def test_files_and_figure_hold_the_error_bars(found, tmp_path):
-    """accuracy.csv has a row for every quantity and state, accuracy.json the clouds too, the figure a panel for every quantity."""
+    """accuracy.csv and .json of every quantity and state, and a figure with panels."""
     write_accuracy(found, tmp_path, {})
     rows = list(csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines()))
     record = json.loads((tmp_path / "accuracy.json").read_text())
-    assert len(rows) == len(record["states"]) == len(found.bars) * len(MU) and record["nodes"] == found.nodes.tolist()
+    assert (
+        len(rows) == len(record["states"]) == len(found.bars) * len(MU)
+        and record["nodes"] == found.nodes.tolist()
+    )
     last = next(row for row in rows if row["mu"] == "-2.0" and row["quantity"] == "core_rotation")
     bars = found.bars["core_rotation"]
     numbers = bars.own[-1], bars.error[-1], *bars.values[:, -1]
     np.testing.assert_allclose(
-        [float(last[key]) for key in ("value", "error", *(f"on {n} nodes" for n in found.nodes))], numbers, rtol=1e-12
+        [float(last[key]) for key in ("value", "error", *(f"on {n} nodes" for n in found.nodes))],
+        numbers,
+        rtol=1e-12,
     )
     assert len(plot_accuracy(found)) >= len(found.bars)
 
 
 @pytest.mark.slow
 def test_command_writes_what_it_prints(tmp_path, capsys):
-    """Table on the terminal, accuracy.csv with every state, accuracy.json with the clouds, a figure."""
-    arguments = ["accuracy", "sample-1", "--spacing", "1.1", "--steps", "3", "--mu-end", "-3", "--quantities", "core_rotation,energy"]
+    """Table on the terminal, accuracy.csv of all states, accuracy.json with clouds, a figure."""
+    arguments = [
+        "accuracy",
+        "sample-1",
+        "--spacing",
+        "1.1",
+        "--steps",
+        "3",
+        "--mu-end",
+        "-3",
+        "--quantities",
+        "core_rotation,energy",
+    ]
     arguments += ["--gradient", "Nv"]
     assert jaxgel.cli.main([*arguments, "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
@@ -120,7 +161,10 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
     last = next(row for row in rows if row["mu"] == "-3.0" and row["quantity"] == "core_rotation")
     assert f"{float(last['value']):.5g}" in printed and f"{float(last['error']):.2g}" in printed
     assert record["nodes"] == sorted(record["nodes"]) and len(record["states"]) == 6
-    assert float(last[f"on {record['nodes'][-1]} nodes"]) == record["states"][4][f"on {record['nodes'][-1]} nodes"]
+    assert (
+        float(last[f"on {record['nodes'][-1]} nodes"])
+        == record["states"][4][f"on {record['nodes'][-1]} nodes"]
+    )
     assert (tmp_path / "accuracy.png").stat().st_size > 10_000
     slope, of_energy = csv.DictReader((tmp_path / "slopes.csv").read_text().splitlines())
     assert (slope["quantity"], slope["input"], of_energy["quantity"]) == (
@@ -135,15 +179,27 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
 def test_critical_points_get_error_bars(tmp_path, capsys, refused):
     """A beam between walls buckles as it swells, without a jump: its loop has no fold."""
     (tmp_path / "beam.toml").write_text(BEAM)
-    arguments = ["accuracy", str(tmp_path / "beam.toml"), "--no-plots", "--quantities", "energy", "--out", str(tmp_path / "out")]
+    arguments = [
+        "accuracy",
+        str(tmp_path / "beam.toml"),
+        "--no-plots",
+        "--quantities",
+        "energy",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert jaxgel.cli.main([*arguments, "--points", "onset,fold_up"]) == 0
     onset, fold = csv.DictReader((tmp_path / "out" / "points.csv").read_text().splitlines())
     assert f"{float(onset['value']):.5g}" in capsys.readouterr().out
     assert 0 < float(onset["error"]) < 0.05 * abs(float(onset["value"])) and fold["value"] == "nan"
     case = load_case(str(tmp_path / "beam.toml"))
-    refused(lambda name: point_accuracy_of(case, [name]), [("onsets", "points: 'onsets' is .*onset, fold_up, fold_down, loop_width")])
+    refused(
+        lambda name: point_accuracy_of(case, [name]),
+        [("onsets", "points: 'onsets' is .*onset, fold_up, fold_down, loop_width")],
+    )
 
 
+@pytest.mark.slow
 def test_a_cloud_that_leaves_a_ligament_empty_is_replaced_by_a_finer_one(found):
     """A spacing above 0.85 is refused: one finer than 0.8 takes its place."""
 

@@ -6,15 +6,21 @@ import pytest
 import jaxgel
 from jaxgel.verification import error_bars
 
-CELIK = np.array([18000.0, 8000.0, 4500.0]) ** -0.5  # cells of the published example, two-dimensional
+# cells of the published example, two-dimensional
+CELIK = np.array([18000.0, 8000.0, 4500.0]) ** -0.5
 SIZES = 2.0 ** np.array([0.5, 0.0, -0.25, -0.5])  # distances of the nodes, coarsest first
 
 
 def test_published_example():
-    """Celik et al. 2008, Table 1, first column: order 1.53, extrapolated 6.1685, index 2.2 and 4.11 %."""
+    """Celik et al. 2008, Table 1, column 1: order 1.53, value 6.1685, index 2.2 and 4.11 %."""
     found = jaxgel.grid_convergence_index(CELIK, (6.063, 5.972, 5.863), formal=2.0)
-    assert found.order == pytest.approx(1.53, abs=0.005) and found.extrapolated == pytest.approx(6.1685, abs=1e-4)
-    assert found.index == (pytest.approx(0.0217, abs=5e-5), pytest.approx(0.0411, abs=5e-5)) and found.reason == ""
+    assert found.order == pytest.approx(1.53, abs=0.005) and found.extrapolated == pytest.approx(
+        6.1685, abs=1e-4
+    )
+    assert (
+        found.index == (pytest.approx(0.0217, abs=5e-5), pytest.approx(0.0411, abs=5e-5))
+        and found.reason == ""
+    )
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 3.7])
@@ -22,8 +28,12 @@ def test_exact_order_is_found_and_the_limit_extrapolated(order):
     """Values a + b h^p on grids that are not refined evenly."""
     sizes = np.array([0.1, 0.13, 0.2])
     found = jaxgel.grid_convergence_index(sizes, 3.0 - 2.0 * sizes**order)
-    assert found.order == pytest.approx(order, rel=1e-9) and found.extrapolated == pytest.approx(3.0, rel=1e-12)
-    assert found.index[0] == pytest.approx(1.25 * 2.0 * sizes[0] ** order / (3.0 - 2.0 * sizes[0] ** order), rel=1e-9)
+    assert found.order == pytest.approx(order, rel=1e-9) and found.extrapolated == pytest.approx(
+        3.0, rel=1e-12
+    )
+    assert found.index[0] == pytest.approx(
+        1.25 * 2.0 * sizes[0] ** order / (3.0 - 2.0 * sizes[0] ** order), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -43,7 +53,11 @@ def test_no_index_without_convergence(values, reason):
 
 def test_sizes_that_do_not_rise_are_refused(refused):
     """Finest first, three of them."""
-    rows = [([3.0, 2.0, 1.0], "are not three sizes"), ([1.0, 2.0], "are not three sizes"), ([0.0, 1.0, 2.0], "are not three sizes")]
+    rows = [
+        ([3.0, 2.0, 1.0], "are not three sizes"),
+        ([1.0, 2.0], "are not three sizes"),
+        ([0.0, 1.0, 2.0], "are not three sizes"),
+    ]
     refused(lambda sizes: jaxgel.grid_convergence_index(sizes, np.ones(len(sizes))), rows)
 
 
@@ -57,7 +71,10 @@ def test_bars_of_a_trend_without_scatter():
 
 
 def test_bars_hold_for_values_that_scatter():
-    """Of 4000 numbers whose scatter falls as their trend, nine in ten lie within bars whose median is at most four times the error."""
+    """Of 4000 scattered numbers nine in ten lie within bars of at most four median errors.
+
+    Their scatter falls as their trend.
+    """
     random = np.random.default_rng(3)
     slope, scatter = random.normal(size=4000), np.exp(random.uniform(-3, 1, 4000))
     values = SIZES[:, None] ** 2 * (slope + scatter * random.normal(size=(len(SIZES), 4000)))

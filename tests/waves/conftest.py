@@ -12,7 +12,11 @@ def model_of():
     """Function that gives the model of a periodic cell (2, 2) with one hole."""
 
     def make(hole):
-        return jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, hole, edges="periodic"), spacing=0.25, nodes_per_hole=16))
+        return jaxgel.discretise(
+            jaxgel.make_cloud(
+                jaxgel.Plate(2, 2, hole, edges="periodic"), spacing=0.25, nodes_per_hole=16
+            )
+        )
 
     return make
 
