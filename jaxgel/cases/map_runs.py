@@ -8,6 +8,9 @@ and with it all compiled programs: put the case in the middle of its parameters'
 far away for that, if outlines move by more than about a third of the spacing, gets a cloud of its
 own, and costs its compilation and about 0.2 GB of memory for programs.
 
+With a ``device`` a compiled program sweeps the points in batches first, see `batches`, and the host
+those that it leaves; the column ``solver`` says which.
+
 Processes of a cluster, of MPI or Dask, must have access to the folder; let each use one thread
 (OMP_NUM_THREADS=1, NPROC=1; a gradient needs two).
 """
@@ -21,11 +24,15 @@ import warnings
 from pathlib import Path as File
 from typing import Any
 
+import numpy as np
+from tqdm import tqdm
+
 from ..continuation import Path
 from ..equilibrium import Observer
 from ..io import (
     Recorder,
     failure,
+    interruptible,
     one_line,
     open_folder,
     read_record,
@@ -34,6 +41,7 @@ from ..io import (
     write_json,
 )
 from ..observables import COLUMNS
+from .batches import Batches, devices_of
 from .parameter_map import FORMAT, MAP, MapStudy, map_from_table, resumed_map
 from .parameters import components
 from .response import Response, derivative_columns
@@ -50,6 +58,7 @@ def run_map(
     folder: File | str,
     executor: concurrent.futures.Executor,
     *,
+    device: str | None = None,
     resume: bool = False,
     quiet: bool = True,
 ) -> list[dict[str, Any]]:
@@ -59,10 +68,12 @@ def run_map(
     or failed, are not run again; ``resume`` says that there may be such. A call that ends with an
     exception was lost by the executor, as a point's own are in its row: it is submitted again, and
     after `TRIES` times the point's row says "lost". Ctrl-C (KeyboardInterrupt) ends the calls under
-    way and leaves what has ended. ValueError for a study whose plate cannot be discretised, and for
-    a folder with another map, or with this one if not resumed.
+    way and leaves what has ended. ``device``, one of ``DEVICES``, sweeps in batches what it can.
+    ValueError for a study whose plate cannot be discretised, for a folder with another map, or with
+    this one if not resumed, and for a device that is not there, or a sweep not for it.
     """
-    study.case.cloud()
+    cloud, devices = study.case.cloud(), devices_of(device)
+    batches = Batches(study, cloud, devices) if devices else None
     folder = open_folder(folder)
     _begin(study, folder, resume)
     write_json(folder / PROBLEM, salib_problem(study.names, study.bounds))
@@ -73,11 +84,14 @@ def run_map(
 
     def lost(reason):
         """Row of a point whose process was lost too often."""
-        return dict(status="lost", **_last_state(None), seconds=None, reason=reason)
+        return _row("lost", None, reason)
 
     def write(rows):
         _write_table(study, rows, folder)
 
+    if batches is not None:
+        left = {k: study.points[k] for k in calls if k not in ended}
+        ended |= _swept_in_batches(batches, left, folder, ended, write, quiet)
     rows = run_calls(
         run_point, calls, executor, ended=ended, lost=lost, write=write, unit="point", quiet=quiet
     )
@@ -112,15 +126,64 @@ def run_point(text: str, values: dict, folder: str) -> dict:
         status, reason = "failed", failure(problem, place)
     if recorder is not None:
         recorder.finish(status, reason)
-    row = dict(
-        status=status,
-        **_last_state(recorder),
-        **derivatives,
-        seconds=round(time.perf_counter() - began, 3),
-        reason=reason,
-    )
+    row = _row(status, recorder, reason, derivatives, "host", time.perf_counter() - began)
     write_json(place / POINT, {"format": FORMAT, "values": values, "row": row})
     return row
+
+
+def _swept_in_batches(batches, points, folder, ended, write, quiet):
+    """Rows of the ``points`` that a compiled program has swept to their ends, by number.
+
+    Their folders are written batch by batch, the table with those that had ``ended`` before.
+    """
+    rows: dict[int, dict] = {}
+    with (
+        tqdm(total=len(points), unit="point", disable=True if quiet else None, leave=False) as bar,
+        interruptible() as stop_if_asked,
+    ):
+        began = time.perf_counter()
+        for found in batches.swept(points):
+            each = (time.perf_counter() - began) / len(found)
+            for k, point in found.items():
+                if point is not None:
+                    rows[k] = _written(batches.study, points[k], point, folder / _name(k), each)
+                stop_if_asked()
+            write(ended | rows)
+            bar.update(len(found))
+            began = time.perf_counter()
+    return rows
+
+
+def _written(study, values, point, folder, seconds):
+    """The row of a `BatchPoint`, whose folder is written; ``seconds`` were spent on it."""
+    place, path = open_folder(folder), point.path
+    (place / POINT).unlink(missing_ok=True)
+    recorder = Recorder(place, point.case, path.problem)
+    recorder.begin([path[k] for k in range(len(path))])
+    recorder.finish("complete", path.stop_text, path.stop)
+    derivatives, reasons = {}, [path.stop_text]
+    if study.gradients:
+        if point.jacobian is None:
+            derivatives, why = _derivatives(Response(study, path.model.cloud), values, path)
+            reasons += why
+        else:
+            derivatives = _by_column(study.names, point.jacobian)
+    reason = "; ".join(reasons)
+    row = _row("complete", recorder, reason, derivatives, "program", seconds)
+    write_json(place / POINT, {"format": FORMAT, "values": values, "row": row})
+    return row
+
+
+def _row(status, recorder, reason, derivatives=None, solver=None, seconds=None):
+    """Row of a point by the recorder of its run, None if it has none."""
+    return dict(
+        status=status,
+        **_last_state(recorder),
+        **(derivatives or {}),
+        solver=solver,
+        seconds=None if seconds is None else round(seconds, 3),
+        reason=reason,
+    )
 
 
 @functools.lru_cache(maxsize=1)
@@ -164,12 +227,16 @@ def _derivatives(
             rows = response.jacobian([*components(values).values()], path)
         except ArithmeticError as problem:
             return {}, [f"no derivatives: {one_line(problem)}"]
+    return _by_column(names, rows), [one_line(warning.message) for warning in raised]
+
+
+def _by_column(names, rows):
+    """Derivatives (r, d) by column, None for those that are no numbers."""
     columns = derivative_columns(names).values()
-    numbers = {
+    return {
         column: d if math.isfinite(d) else None
-        for column, d in zip(columns, rows.ravel().tolist(), strict=True)
+        for column, d in zip(columns, np.ravel(rows).tolist(), strict=True)
     }
-    return numbers, [one_line(warning.message) for warning in raised]
 
 
 def _name(k):
@@ -210,6 +277,7 @@ def _write_table(study, rows, folder):
         "newton_iterations",
         *LAST,
         *derivatives,
+        "solver",
         "seconds",
         "reason",
     )

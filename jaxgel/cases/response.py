@@ -17,6 +17,7 @@ from ..bifurcation import problem_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path
 from ..equilibrium import StateNotFound
+from ..mechanics import Problem
 from ..observables import QUANTITIES, is_flat
 from .parameter_map import MapStudy, Vector
 from .parameters import gel_of, plate_of
@@ -106,22 +107,29 @@ class Response:
         They are a dict. The sweep takes the values of ``path`` on its cloud; the last value is
         mu_end, if that is a parameter.
         """
-        case, parameters, values = self.study.case, self.study.parameters, jnp.asarray(path.value)
-        moved = any(p["holes"] for p in parameters)
-        model = case.discretisation.model(
-            path.model.cloud.at(plate_of(case.plate, parameters)(point))
-            if moved
-            else path.model.cloud
-        )
-        ends = [point[p["name"]] for p in parameters if p["of"] == "mu_end"]
-        if ends and not case.sweep.back:
+        values = jnp.asarray(path.value)
+        ends = [point[p["name"]] for p in self.study.parameters if p["of"] == "mu_end"]
+        if ends and not self.study.case.sweep.back:
             values = values.at[-1].set(ends[0])
-        gel = gel_of(case.gel, parameters)
-        problem = problem_by_options(
-            model, gel(point) if callable(gel) else gel, case.sweep, loads=case.loads.of(model)
-        )
-        again = sweep_by_options(problem, case.sweep, values=values)
+        problem = problem_at(self.study, point, path.model.cloud)
+        again = sweep_by_options(problem, self.study.case.sweep, values=values)
         return jnp.stack([QUANTITIES[name].function(again)[-1] for name in names])
+
+
+def problem_at(study: MapStudy, point: Mapping, cloud: Cloud) -> Problem:
+    """The `Problem` of a point, name -> value, which may be traced.
+
+    Its plate lies on the ``cloud``, placed.
+    """
+    case, parameters = study.case, study.parameters
+    moved = any(p["holes"] for p in parameters)
+    model = case.discretisation.model(
+        cloud.at(plate_of(case.plate, parameters)(point)) if moved else cloud
+    )
+    gel = gel_of(case.gel, parameters)
+    return problem_by_options(
+        model, gel(point) if callable(gel) else gel, case.sweep, loads=case.loads.of(model)
+    )
 
 
 def derivative_columns(

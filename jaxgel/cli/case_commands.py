@@ -8,6 +8,7 @@ from .options import (
     case_options,
     choice,
     control_options,
+    device_option,
     executor_options,
     real,
     reals,
@@ -171,4 +172,5 @@ def error_bar_commands(add: Add) -> None:
         help="check by N samples of the inputs, on all cores",
     )
     executor_options(p, "the samples")
+    device_option(p, "the samples")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")

@@ -98,6 +98,19 @@ def cache_folder(cache: str | None = None) -> str | None:
     return str(user_folder())
 
 
+def prepare_device(device: str | None) -> None:
+    """Let JAX see accelerators if ``device``, of `cases.DEVICES`, may be one; not in workers.
+
+    The CPU stays the default. To be called before JAX computes anything. A user's ``JAX_PLATFORMS``
+    is kept.
+    """
+    if device not in ("gpu", "auto"):
+        return
+    if os.environ["JAX_PLATFORMS"] == "cpu":
+        jax.config.update("jax_platforms", None)
+    jax.config.update("jax_default_device", jax.local_devices(backend="cpu")[0])
+
+
 def prepare_worker(threads: int, programs: Path | None) -> None:
     """Initialiser of a worker: ``threads`` for XLA, before it starts; folder of kept programs."""
     os.environ["NPROC"] = str(threads)

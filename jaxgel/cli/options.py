@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, ArgumentTypeError
 
 from .._validation import is_number
-from ..cases import case_schema
+from ..cases import DEVICES, case_schema
 from .environment import CACHE
 
 DIGITS = 30  # read of a whole number, far beyond all that are accepted
@@ -118,6 +118,16 @@ def executor_options(p: ArgumentParser, many: str) -> None:
         "--scheduler",
         metavar="ADDRESS",
         help=f"run {many} on the Dask cluster with this scheduler, tcp://HOST:PORT, instead",
+    )
+
+
+def device_option(p: ArgumentParser, many: str) -> None:
+    """Device on which a compiled program sweeps ``many`` in batches."""
+    p.add_argument(
+        "--device",
+        metavar="|".join(DEVICES),
+        help=f"sweep {many} in batches by one compiled program there; the processes sweep those "
+        "that it leaves (default: the processes sweep all)",
     )
 
 

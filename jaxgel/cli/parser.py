@@ -6,7 +6,14 @@ from importlib.metadata import version
 
 from .._validation import did_you_mean, is_number
 from .case_commands import case_commands, error_bar_commands
-from .options import cache_option, quiet_option, real, whole_number, worker_options
+from .options import (
+    cache_option,
+    device_option,
+    quiet_option,
+    real,
+    whole_number,
+    worker_options,
+)
 
 COUNTS = {
     "divisions": 64,
@@ -147,6 +154,7 @@ def _study_commands(add):
         action="store_true",
         help="run the points of the map in the folder that have not ended",
     )
+    device_option(p, "the points")
 
     p = quiet_option(
         add(

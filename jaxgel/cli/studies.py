@@ -14,7 +14,7 @@ from .._kept import KEPT
 from .._threads import usable_cores
 from ..cases import OPTIMA, TABLE, MapStudy, Study, load_map, load_study, run_map, run_study
 from ..io import Workers, dask_executor, open_folder
-from .environment import DONE, INTERRUPTED, STOPPED, prepare_worker
+from .environment import DONE, INTERRUPTED, STOPPED, prepare_device, prepare_worker
 from .runs import printer
 
 # points of a map, or searches, in one process: the memory of a process grows with the number of its
@@ -139,6 +139,7 @@ def _optima(file):
 
 def map_points(args: Namespace) -> int:
     """``jaxgel map``: sweep the points of a study on this machine or a cluster."""
+    prepare_device(args.device)
     study = load_map(args.study)
     return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)[0]
 
@@ -163,7 +164,8 @@ def run_points(
     """Run the points of a map and report; the exit code, and the rows of points.csv."""
     try:
         with _workers(args, GRADIENT_THREADS if study.gradients else 1) as executor:
-            rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
+            device = getattr(args, "device", None)
+            rows = run_map(study, folder, executor, device=device, resume=resume, quiet=args.quiet)
     except KeyboardInterrupt:
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
         return INTERRUPTED, []

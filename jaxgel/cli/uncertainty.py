@@ -18,7 +18,7 @@ from ..cases import (
 from ..io import open_folder, write_csv, write_json
 from ..observables import QUANTITIES
 from ..verification import Uncertainty
-from .environment import DONE, INTERRUPTED
+from .environment import DONE, INTERRUPTED, prepare_device
 from .parser import changes
 from .runs import printer
 from .studies import run_points
@@ -31,6 +31,7 @@ def uncertainty(args: Namespace) -> int:
 
     They are printed, written and drawn.
     """
+    prepare_device(args.device)
     case, say = load_case(args.case, changes(args)), printer(args)
     inputs = uncertain_inputs(case, dict(map(_entry, args.uncertain)) if args.uncertain else None)
     names = args.quantities.split(",") if args.quantities else list(RESPONSES)

@@ -1,0 +1,223 @@
+"""Points of a map in batches, each swept by one compiled program on the devices of JAX.
+
+The program makes model and problem of each point on the cloud of the study's own plate, sweeps it
+and, if asked, differentiates its last state. It serves points that this cloud can carry, with the
+states that `sweep` finds inside ``jax.jit`` (see docs/howto/many.md): all others are left to the
+host's sweep.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+
+from .._types import Float
+from ..bifurcation import sweep_by_options
+from ..cloud import Cloud
+from ..continuation import SCALARS, Path
+from ..equilibrium import Status
+from ..mechanics import Problem
+from ..observables import QUANTITIES, is_flat
+from .case import Case
+from .parameter_map import MapStudy
+from .response import RESPONSES, problem_at
+
+DEVICES = ("cpu", "gpu", "auto")
+ON_CPU, MOST = 16, 256  # points of a batch on each device: of a CPU, and of others at most
+SHARE, COPIES = 0.8, 6  # of a device's memory that is used; arrays like those of a problem
+COLUMNS = ("x", "pressure", *SCALARS)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BatchPoint:
+    """A point that a compiled program has swept to its end."""
+
+    case: Case
+    """The case of the point."""
+    path: Path
+    """Its states."""
+    jacobian: Float[np.ndarray, "r d"] | None
+    """Derivatives of ``RESPONSES`` at the last state; None if not asked for, or not all numbers."""
+
+
+def devices_of(name: str | None) -> list[jax.Device]:
+    """The devices on which ``name`` sweeps the points of a map; none for the host's sweep.
+
+    ``name`` is one of ``DEVICES``; "auto" takes the accelerators that JAX sees, if any. ValueError
+    for another name, and for "gpu" if there is none.
+    """
+    if name is None:
+        return []
+    if name not in DEVICES:
+        raise ValueError(f"device: {name!r} is not accepted; give one of {', '.join(DEVICES)}")
+    if name == "cpu":
+        return jax.local_devices(backend="cpu")
+    found = [device for device in jax.local_devices() if device.platform != "cpu"]
+    if name == "gpu" and not found:
+        raise ValueError(
+            "device: 'gpu' is not accepted, JAX sees the CPU only; give cpu or auto (for "
+            "NVIDIA's: pip install 'jaxgel[cuda]')"
+        )
+    return found
+
+
+def check_for_batches(case: Case) -> None:
+    """Raise ValueError, one line, for a sweep that no compiled program follows."""
+    own = case.sweep
+    for name, refused in (
+        ("steps", own.steps == "auto" and not own.listed),
+        ("branch", own.branch != "stable"),
+        ("imperfection", own.imperfection != 0),
+        ("contact", own.contact == "stop"),
+        ("eigenvalues", own.eigenvalues),
+    ):
+        if refused:
+            raise ValueError(
+                f"device: sweep.{name} = {getattr(own, name)!r} is for the host's sweep alone; "
+                "leave --device out"
+            )
+
+
+class Batches:
+    """The compiled program of a study's points; ValueError for a sweep that it cannot follow."""
+
+    def __init__(self, study: MapStudy, cloud: Cloud, devices: list[jax.Device]) -> None:
+        check_for_batches(study.case)
+        self.study, self.cloud, self.devices = study, cloud, devices
+        problem = study.case.problem(study.case.discretisation.model(cloud)).prepared
+        self.size = _room(problem, devices[0]) * len(devices)
+        self._names = _known(problem) if study.gradients else []
+        over = PartitionSpec("points")
+        self._program = jax.jit(
+            jax.shard_map(
+                jax.vmap(self._sheet),
+                mesh=Mesh(np.array(devices), ("points",)),
+                in_specs=over,
+                out_specs=over,
+                check_vma=False,
+            )
+        )
+
+    def swept(self, points: dict[int, dict]) -> Iterator[dict[int, BatchPoint | None]]:
+        """The points, number -> values, batch after batch; None if the host has to sweep one.
+
+        A point that cannot be, or whose plate needs a cloud of its own, is in no batch.
+        """
+        ready = {}
+        for number, values in points.items():
+            ready[number] = self._placed(values)
+            if len(ready) == self.size:
+                yield self._batch(points, ready)
+                ready = {}
+        if ready:
+            yield self._batch(points, ready)
+
+    def _placed(self, values):
+        """Case and problem of a point; None if the host has to look at it."""
+        try:
+            case = self.study.at(values)
+            model = case.model(self.cloud)
+            if model.cloud.topology is not self.cloud.topology:
+                return None
+            return case, case.problem(model)
+        except (ValueError, ArithmeticError):
+            return None  # the host says why
+
+    def _batch(self, points, ready):
+        """The results of one batch, by number."""
+        found: dict[int, BatchPoint | None] = dict.fromkeys(ready)
+        numbers = [number for number, one in ready.items() if one is not None]
+        if not numbers:
+            return found
+        # a batch that is not full repeats its last point
+        chosen = [*numbers, *[numbers[-1]] * (self.size - len(numbers))]
+        given = {
+            name: np.stack([np.asarray(points[number][name], dtype=float) for number in chosen])
+            for name in points[numbers[0]]
+        }
+        values = np.stack([ready[number][0].sweep.numbers for number in chosen])
+        columns, rows = self._run(given, values)
+        for k, number in enumerate(numbers):
+            if np.all(columns["status"][k] == Status.CONVERGED):
+                case, problem = ready[number]
+                path = _path(problem, {name: column[k] for name, column in columns.items()})
+                found[number] = BatchPoint(case, path, self._jacobian(path, rows[k]))
+        return found
+
+    def _run(self, given, values):
+        """Columns of all points, and derivatives; of fewer at a time if memory is exhausted."""
+        try:
+            return jax.device_get(self._program(given, values))
+        except jax.errors.JaxRuntimeError as problem:
+            half = self.size // 2
+            if "RESOURCE_EXHAUSTED" not in str(problem) or half < len(self.devices):
+                raise
+            self.size = half
+        halves = [
+            self._run(*jax.tree.map(lambda array, part=part: array[part], (given, values)))
+            for part in (slice(half), slice(half, None))
+        ]
+        return jax.tree.map(lambda *parts: np.concatenate(parts), *halves)
+
+    def _sheet(self, point, values):
+        """The columns of a point's path, and the derivatives (r, d) of its last state."""
+        study = self.study
+
+        def last(point):
+            problem = problem_at(study, point, self.cloud)
+            path = sweep_by_options(problem, study.case.sweep, values=values)
+            columns = {name: getattr(path, name) for name in COLUMNS}
+            return [QUANTITIES[name].function(path)[-1] for name in self._names], columns
+
+        if not study.gradients:
+            return last(point)[1], jnp.zeros((0, 0))
+        found, pullback, columns = jax.vjp(last, point, has_aux=True)
+        (slopes,) = jax.vmap(pullback)(list(jnp.eye(len(found))))
+        rows = [slopes[name].reshape(len(found), -1) for name in point]
+        return columns, jnp.concatenate(rows, axis=1)
+
+    def _jacobian(self, path, rows):
+        """Derivatives (r, d), nan of a quantity without values.
+
+        None if they are not all numbers, or a midline is level.
+        """
+        known = self.study.gradients and np.all(np.isfinite(rows))
+        if not known or is_flat(path.x[-1:], path.model)[0]:
+            return None
+        found = dict(zip(self._names, rows, strict=True))
+        return np.array([found.get(name, np.full(rows.shape[1], np.nan)) for name in RESPONSES])
+
+
+def _path(problem: Problem, columns: dict[str, Any]) -> Path:
+    """The `Path` of a sheet whose sweep has reached its end."""
+    count = len(columns["x"])
+    return Path(
+        problem=problem.replace(operators=None),
+        derivative=np.full(count, int(Status.NOT_EXAMINED)),
+        symmetry=("C1",) * count,
+        stop_text=Status.CONVERGED.text,
+        **columns,
+    )
+
+
+def _known(problem: Problem) -> list[str]:
+    """Those of ``RESPONSES`` that have values on the cloud of a ``problem``."""
+    x = 1.1 * np.asarray(problem.model.nodes) @ np.array([[1.0, 0.1], [-0.1, 1.0]])
+    columns = {name: np.zeros(1, int) for name in SCALARS}
+    path = _path(problem, columns | {"x": x[None], "pressure": np.zeros((1, problem.lengths["g"]))})
+    return [name for name in RESPONSES if np.isfinite(QUANTITIES[name].of(path)[-1])]
+
+
+def _room(problem: Problem, device: jax.Device) -> int:
+    """Points of a batch on one device, a power of 2."""
+    if device.platform == "cpu":
+        return ON_CPU
+    limit = (device.memory_stats() or {}).get("bytes_limit")
+    if limit is None:
+        return MOST
+    each = COPIES * sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves(problem.shared))
+    return 2 ** int(np.log2(np.clip(SHARE * limit / each, 1, MOST)))
