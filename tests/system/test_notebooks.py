@@ -27,6 +27,7 @@ def test_there_are_notebooks():
         "08",
         "09",
         "10",
+        "11",
     ]
 
 
