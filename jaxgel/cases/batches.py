@@ -20,6 +20,7 @@ from ..bifurcation import sweep_by_options
 from ..cloud import Cloud
 from ..continuation import SCALARS, Path
 from ..equilibrium import Status
+from ..geometry import check_plate
 from ..mechanics import Problem
 from ..observables import QUANTITIES, is_flat
 from .case import Case
@@ -120,10 +121,13 @@ class Batches:
         """Case and problem of a point; None if the host has to look at it."""
         try:
             case = self.study.at(values)
-            model = case.model(self.cloud)
-            if model.cloud.topology is not self.cloud.topology:
-                return None
-            return case, case.problem(model)
+            cloud, options = self.cloud, case.discretisation
+            if case.plate.reference is not None:
+                check_plate(case.plate)
+                if not options.carries(cloud, case.plate):
+                    return None
+                cloud = cloud.at(case.plate)
+            return case, case.problem(options.model(cloud))
         except (ValueError, ArithmeticError):
             return None  # the host says why
 
@@ -177,7 +181,8 @@ class Batches:
             return last(point)[1], jnp.zeros((0, 0))
         found, pullback, columns = jax.vjp(last, point, has_aux=True)
         (slopes,) = jax.vmap(pullback)(list(jnp.eye(len(found))))
-        rows = [slopes[name].reshape(len(found), -1) for name in point]
+        # of the study's order, which a dict loses in a program
+        rows = [slopes[p["name"]].reshape(len(found), -1) for p in study.parameters]
         return columns, jnp.concatenate(rows, axis=1)
 
     def _jacobian(self, path, rows):

@@ -6,10 +6,10 @@ Contact keeps their surfaces from crossing themselves.
 import dataclasses
 import itertools
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
+from .._sizes import joined
 from .._types import Array, Float, Int
 from .._validation import Inadmissible
 from ..cloud import OUTLINE_SEGMENTS, Topology
@@ -119,7 +119,7 @@ class EdgePoints:
             nodes[ends[:, 0]] + fraction[:, None] * (nodes[ends[:, 1]] - nodes[ends[:, 0]])
             for _, (ends, fraction) in self.pieces
         ]
-        return jnp.concatenate(parts)
+        return joined(parts)
 
 
 @once_per_owner

@@ -11,6 +11,8 @@ import multiprocessing
 import os
 import re
 import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -24,6 +26,7 @@ from jaxgel.cases import (
     POINT,
     PROBLEM,
     TABLE,
+    batches,
     load_map,
     load_path,
     map_runs,
@@ -32,6 +35,7 @@ from jaxgel.cases import (
     resumed_map,
     run_map,
 )
+from jaxgel.cases.batches import devices_of
 from jaxgel.cli import command_line as cli
 from jaxgel.io import TRIES, InThisProcess, Workers, load_run
 
@@ -532,3 +536,95 @@ def test_a_killed_dask_worker_loses_no_point(tmp_path, expected):
     thread.join()
     assert len(killed) == 1
     check(rows, expected, tmp_path / "out")
+
+
+ROUND = (
+    TINY
+    + "[sweep]\nmu = [-4.0, -3.0, -2.0]\n"
+    + '[[parameters]]\nof = "radius"\nvalues = [1.15, 1.12, 0.9, 2.5]\n'
+    + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\n'
+)
+
+
+def alike(one, other):
+    """Whether rows agree in all but who solved them, Newton's work and the time."""
+    for name in one.keys() - {"solver", "seconds", "newton_iterations"}:
+        if isinstance(one[name], float):
+            np.testing.assert_allclose(one[name], other[name], rtol=1e-9, atol=1e-12, err_msg=name)
+        else:
+            assert one[name] == other[name], name
+    return True
+
+
+def test_a_program_sweeps_in_batches_what_the_cloud_carries_and_the_host_the_others(
+    tmp_path, monkeypatch
+):
+    """The same table and folders; what has ended is not run again; a kill loses one batch."""
+    monkeypatch.setattr(batches, "ON_CPU", 2)
+    mapped = study(tmp_path, ROUND)
+    by_host = run_map(mapped, tmp_path / "host", Inline())
+    executor = Inline()
+    rows = run_map(mapped, tmp_path / "device", executor, device="cpu")
+    assert [row["solver"] for row in rows] == ["program", "program", "host", "host"]
+    assert [row["solver"] for row in by_host] == ["host"] * 4 and executor.calls == 2
+    assert [row["status"] for row in rows] == ["complete"] * 3 + ["failed"]
+    assert all(map(alike, rows, by_host))
+    assert [row["solver"] for row in table(tmp_path / "device")] == [row["solver"] for row in rows]
+    runs = [load_run(tmp_path / name / "0001") for name in ("host", "device")]
+    for name, own in runs[0].states.items():
+        if own.dtype.kind == "f" and name not in ("residual", "lowest_eigenvalue"):
+            np.testing.assert_allclose(runs[1].states[name], own, rtol=1e-9, atol=1e-11)
+    assert len(load_path(tmp_path / "device" / "0001")) == 3  # jaxgel plot and resume read it
+    # a point whose process was killed before its row was written
+    (tmp_path / "device" / "0001" / POINT).unlink()
+    again = run_map(
+        resumed_map(tmp_path / "device"), tmp_path / "device", Inline(), device="cpu", resume=True
+    )
+    assert all(map(alike, again, rows)) and again[0] == rows[0]
+
+
+def test_devices_and_sweeps_that_no_program_has_are_refused(tmp_path, refused):
+    def attempt(device, *change):
+        run_map(study(tmp_path, ROUND.replace(*change)), tmp_path / "out", Inline(), device=device)
+
+    mu = "mu = [-4.0, -3.0, -2.0]"
+    refused(
+        attempt,
+        [
+            ("gpu", "", "", r"device: 'gpu' is not accepted, JAX sees the CPU only; give cpu or"),
+            ("tpu", "", "", r"device: 'tpu' is not accepted; give one of cpu, gpu, auto"),
+            ("cpu", mu, 'steps = "auto"', r"device: sweep\.steps = 'auto' is for the host's"),
+            ("cpu", mu, f'{mu}\nbranch = "symmetric"', r"device: sweep\.branch = 'symmetric' is"),
+            ("cpu", mu, f'{mu}\ncontact = "stop"', r"device: sweep\.contact = 'stop' is for"),
+            ("cpu", mu, f"{mu}\neigenvalues = true", r"device: sweep\.eigenvalues = True is for"),
+            ("cpu", mu, f"{mu}\nimperfection = 0.1", r"device: sweep\.imperfection = 0\.1 is"),
+        ],
+    )
+    assert devices_of(None) == devices_of("auto") == []
+
+
+@pytest.mark.slow
+def test_derivatives_come_out_of_the_program_on_two_devices(tmp_path):
+    """Those of the host, also of points that the last batch is filled with."""
+    (tmp_path / "study.toml").write_text(
+        ROUND.replace("[1.15, 1.12, 0.9, 2.5]", "[1.15, 1.12, 1.1]") + "[map]\ngradients = true\n"
+    )
+    tables = []
+    for device in ([], ["--device", "cpu"]):
+        out = tmp_path / f"out{len(device)}"
+        command = [sys.executable, "-m", "jaxgel", "map", str(tmp_path / "study.toml"), *device]
+        subprocess.run(
+            [*command, "--out", str(out), "--workers", "1", "--quiet"],
+            env=os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"},
+            check=True,
+        )
+        tables.append(table(out))
+    slopes = [name for name in tables[0][0] if name.startswith("d_")]
+    for one, other in zip(*tables, strict=True):
+        assert (one["solver"], other["solver"]) == ("host", "program")
+        assert [name for name in slopes if one[name]] == [name for name in slopes if other[name]]
+        np.testing.assert_allclose(
+            [float(other[name]) for name in slopes if one[name]],
+            [float(one[name]) for name in slopes if one[name]],
+            rtol=1e-8,
+        )
