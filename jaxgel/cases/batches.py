@@ -89,7 +89,8 @@ class Batches:
     def __init__(self, study: MapStudy, cloud: Cloud, devices: list[jax.Device]) -> None:
         check_for_batches(study.case)
         self.study, self.cloud, self.devices = study, cloud, devices
-        problem = study.case.problem(study.case.discretisation.model(cloud)).prepared
+        self._model = study.case.discretisation.model(cloud)
+        problem = study.case.problem(self._model).prepared
         self.size = _room(problem, devices[0]) * len(devices)
         self._names = _known(problem) if study.gradients else []
         over = PartitionSpec("points")
@@ -172,7 +173,7 @@ class Batches:
         study = self.study
 
         def last(point):
-            problem = problem_at(study, point, self.cloud)
+            problem = problem_at(study, point, self._model)
             path = sweep_by_options(problem, study.case.sweep, values=values)
             columns = {name: getattr(path, name) for name in COLUMNS}
             return [QUANTITIES[name].function(path)[-1] for name in self._names], columns

@@ -16,6 +16,7 @@ from .._validation import did_you_mean
 from ..bifurcation import problem_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path
+from ..discretisation import Model
 from ..equilibrium import StateNotFound
 from ..mechanics import Problem
 from ..observables import QUANTITIES, is_flat
@@ -111,21 +112,20 @@ class Response:
         ends = [point[p["name"]] for p in self.study.parameters if p["of"] == "mu_end"]
         if ends and not self.study.case.sweep.back:
             values = values.at[-1].set(ends[0])
-        problem = problem_at(self.study, point, path.model.cloud)
+        model = self.study.case.discretisation.model(path.model.cloud)
+        problem = problem_at(self.study, point, model)
         again = sweep_by_options(problem, self.study.case.sweep, values=values)
         return jnp.stack([QUANTITIES[name].function(again)[-1] for name in names])
 
 
-def problem_at(study: MapStudy, point: Mapping, cloud: Cloud) -> Problem:
+def problem_at(study: MapStudy, point: Mapping, model: Model) -> Problem:
     """The `Problem` of a point, name -> value, which may be traced.
 
-    Its plate lies on the ``cloud``, placed.
+    Its plate lies on the cloud of the ``model``, placed.
     """
     case, parameters = study.case, study.parameters
-    moved = any(p["holes"] for p in parameters)
-    model = case.discretisation.model(
-        cloud.at(plate_of(case.plate, parameters)(point)) if moved else cloud
-    )
+    if any(p["holes"] for p in parameters):
+        model = case.discretisation.model(model.cloud.at(plate_of(case.plate, parameters)(point)))
     gel = gel_of(case.gel, parameters)
     return problem_by_options(
         model, gel(point) if callable(gel) else gel, case.sweep, loads=case.loads.of(model)

@@ -604,6 +604,21 @@ def test_devices_and_sweeps_that_no_program_has_are_refused(tmp_path, refused):
 
 
 @pytest.mark.slow
+def test_a_sheet_that_buckles_in_a_program_is_followed_by_the_host(tmp_path):
+    """Sample 4's symmetric pattern is unstable at the last mu of the first point."""
+    mapped = study(
+        tmp_path,
+        'case = "sample-4"\n[sweep]\nmu_start = -4.5\nsteps = 4\n[discretisation]\n'
+        'spacing = 2.2\n[[parameters]]\nof = "mu_end"\nvalues = [-0.9178, -1.6]\n',
+    )
+    rows = run_map(mapped, tmp_path / "out", Inline(), device="cpu")
+    assert [row["status"] for row in rows] == ["complete"] * 2
+    assert [row["solver"] for row in rows] == ["host", "program"]
+    switched = load_run(tmp_path / "out" / "0000").states["switched"]
+    assert switched.tolist() == [0, 0, 0, 1]
+
+
+@pytest.mark.slow
 def test_derivatives_come_out_of_the_program_on_two_devices(tmp_path):
     """Those of the host, also of points that the last batch is filled with."""
     (tmp_path / "study.toml").write_text(
