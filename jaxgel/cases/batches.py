@@ -31,6 +31,7 @@ DEVICES = ("cpu", "gpu", "auto")
 ON_CPU, MOST = 16, 256  # points of a batch on each device: of a CPU, and of others at most
 SHARE, COPIES = 0.8, 6  # of a device's memory that is used; arrays like those of a problem
 COLUMNS = ("x", "pressure", *SCALARS)
+Device = Any  # of JAX, whose own type is no class for type checkers
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class BatchPoint:
     """Derivatives of ``RESPONSES`` at the last state; None if not asked for, or not all numbers."""
 
 
-def devices_of(name: str | None) -> list[jax.Device]:
+def devices_of(name: str | None) -> list[Device]:
     """The devices on which ``name`` sweeps the points of a map; none for the host's sweep.
 
     ``name`` is one of ``DEVICES``; "auto" takes the accelerators that JAX sees, if any. ValueError
@@ -86,7 +87,7 @@ def check_for_batches(case: Case) -> None:
 class Batches:
     """The compiled program of a study's points; ValueError for a sweep that it cannot follow."""
 
-    def __init__(self, study: MapStudy, cloud: Cloud, devices: list[jax.Device]) -> None:
+    def __init__(self, study: MapStudy, cloud: Cloud, devices: list[Device]) -> None:
         check_for_batches(study.case)
         self.study, self.cloud, self.devices = study, cloud, devices
         self._model = study.case.discretisation.model(cloud)
@@ -178,7 +179,7 @@ class Batches:
             columns = {name: getattr(path, name) for name in COLUMNS}
             return [QUANTITIES[name].function(path)[-1] for name in self._names], columns
 
-        if not study.gradients:
+        if not self._names:
             return last(point)[1], jnp.zeros((0, 0))
         found, pullback, columns = jax.vjp(last, point, has_aux=True)
         (slopes,) = jax.vmap(pullback)(list(jnp.eye(len(found))))
@@ -191,7 +192,7 @@ class Batches:
 
         None if they are not all numbers, or a midline is level.
         """
-        known = self.study.gradients and np.all(np.isfinite(rows))
+        known = self._names and np.all(np.isfinite(rows))
         if not known or is_flat(path.x[-1:], path.model)[0]:
             return None
         found = dict(zip(self._names, rows, strict=True))
@@ -218,7 +219,7 @@ def _known(problem: Problem) -> list[str]:
     return [name for name in RESPONSES if np.isfinite(QUANTITIES[name].of(path)[-1])]
 
 
-def _room(problem: Problem, device: jax.Device) -> int:
+def _room(problem: Problem, device: Device) -> int:
     """Points of a batch on one device, a power of 2."""
     if device.platform == "cpu":
         return ON_CPU
