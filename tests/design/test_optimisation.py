@@ -245,8 +245,11 @@ def test_constraints_at_odds_cost_no_evaluations_without_end():
     )
     with pytest.raises(lagrangian.Stuck):
         optimisers.optimiser("slsqp", 0.2, 1e-6)(quick)
-    moves = np.abs(np.diff(quick.asked, axis=0)).max(axis=1)
-    assert np.all(moves[moves > 0] >= optimisers.STALLED)
+    # a box begins at the best design so far, which may be as near: it is known and costs nothing
+    asked = np.array(quick.asked)
+    moves = np.abs(np.diff(asked, axis=0)).max(axis=1)
+    for k in np.flatnonzero((moves > 0) & (moves < optimisers.STALLED)):
+        assert (asked[: k + 1] == asked[k + 1]).all(axis=1).any()
     assert 0.4 < quick.best()["vector"][0] < 0.6  # the least violation of both
 
 
