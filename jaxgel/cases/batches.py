@@ -156,18 +156,22 @@ class Batches:
 
     def _run(self, given, values):
         """Columns of all points, and derivatives; of fewer at a time if memory is exhausted."""
+        size = self.size
         try:
-            return jax.device_get(self._program(given, values))
+            parts = [
+                jax.device_get(
+                    self._program(
+                        *jax.tree.map(lambda array, k=k: array[k : k + size], (given, values))
+                    )
+                )
+                for k in range(0, len(values), size)
+            ]
         except jax.errors.JaxRuntimeError as problem:
-            half = self.size // 2
-            if "RESOURCE_EXHAUSTED" not in str(problem) or half < len(self.devices):
+            if "RESOURCE_EXHAUSTED" not in str(problem) or size // 2 < len(self.devices):
                 raise
-            self.size = half
-        halves = [
-            self._run(*jax.tree.map(lambda array, part=part: array[part], (given, values)))
-            for part in (slice(half), slice(half, None))
-        ]
-        return jax.tree.map(lambda *parts: np.concatenate(parts), *halves)
+            self.size = size // 2
+            return self._run(given, values)
+        return jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
 
     def _sheet(self, point, values):
         """The columns of a point's path, and the derivatives (r, d) of its last state."""

@@ -17,6 +17,7 @@ import threading
 import time
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from studies import TINY
@@ -601,6 +602,31 @@ def test_devices_and_sweeps_that_no_program_has_are_refused(tmp_path, refused):
         ],
     )
     assert devices_of(None) == devices_of("auto") == []
+
+
+def test_a_batch_that_exhausts_the_memory_is_halved_and_another_error_is_raised():
+    """By a program that takes 2 points at most in place of the compiled one."""
+    made = object.__new__(batches.Batches)
+    made.devices, made.size, sizes = ["one"], 8, []
+
+    def program(given, values):
+        sizes.append(len(values))
+        if len(values) > 2:
+            raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory")
+        return {"x": given["Nv"] * 2}, values
+
+    made._program = program
+    columns, rows = made._run({"Nv": np.arange(8.0)}, np.arange(8.0)[:, None])
+    np.testing.assert_array_equal(columns["x"], 2 * np.arange(8.0))
+    np.testing.assert_array_equal(rows[:, 0], np.arange(8.0))
+    assert (sizes, made.size) == ([8, 4, 2, 2, 2, 2], 2)
+
+    def broken(*_):
+        raise jax.errors.JaxRuntimeError("INTERNAL: no kernel")
+
+    made._program = broken
+    with pytest.raises(jax.errors.JaxRuntimeError, match="INTERNAL"):
+        made._run({"Nv": np.zeros(2)}, np.zeros((2, 1)))
 
 
 @pytest.mark.slow
