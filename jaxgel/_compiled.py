@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ._described import NotDescribed, described
 from ._kept import KEPT
@@ -43,6 +44,8 @@ def compiled(*, static: tuple[str, ...] = ()) -> Callable[[Callable[P, R]], Call
 
         @functools.wraps(function)
         def call(*args: Any, **options: Any) -> Any:
+            # else a program for numbers of Python and another one for those of arrays
+            args = tuple([np.float64(arg) if type(arg) is float else arg for arg in args])
             if not (are_kept() or is_traced((args, options))) or jax.config.jax_disable_jit:
                 return jitted(*args, **options)
             fixed = [(place, args[place]) for place in places if place < len(args)]

@@ -65,12 +65,28 @@ def pytest_xdist_auto_num_workers(config):
     return max(1, min(os.cpu_count() or 1, memory // (6 * 2**30)))
 
 
+LONG = (
+    "branches.py",
+    "deflation.py",
+    "phases.py",
+    "solvent.py",
+    "swelling.py",
+    "times.py",
+    "wrinkling.py",
+)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """How-to and extension pages run with the slow tests; smaller plates test them, too."""
+    """How-to and extension pages run with the slow tests; smaller plates test them, too.
+
+    Docstring examples of the modules ``LONG`` run with the thorough ones.
+    """
     for item in items:
         if item.path.parent.name in ("howto", "extend"):
             item.add_marker("slow")
+        elif item.path.name in LONG:
+            item.add_marker("thorough")
 
 
 def pytest_collection_finish():

@@ -360,6 +360,7 @@ def test_an_argument_without_a_line_in_the_docstring_is_reported():
     assert unnamed(scaled) == ["factor"]
 
 
+@pytest.mark.thorough
 def test_every_broken_rule_is_reported_and_nothing_else(broken):
     code, report, found = broken
     everything = [*report.splitlines(), *found]

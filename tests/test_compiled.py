@@ -64,3 +64,19 @@ def test_values_under_derivatives_are_found_by_the_program_that_finds_them_witho
     )
     jax.value_and_grad(lambda x: wave(x, Y, power=3)[0].sum())(X)
     assert names and not any("wave" in name for name in names)
+
+
+def test_a_number_of_python_and_one_of_an_array_take_one_program():
+    @compiled()
+    def product(x, factor):
+        return x * factor
+
+    names = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, _, fun_name="", **__: (
+            names.append(fun_name) if "backend_compile" in event else None
+        )
+    )
+    for factor in (2.0, np.float64(3.0), X[0]):
+        product(X, factor)
+    assert names.count("jit(product)") == 1

@@ -144,7 +144,7 @@ def heads_for_fold(earlier: State, before: State, value: float) -> bool:
 
 def inside(value: float, low: float, high: float, slack: float = 0.0) -> bool:
     """Whether a value lies between two others, in either order."""
-    return min(low, high) - slack < value < max(low, high) + slack
+    return bool(min(low, high) - slack < value < max(low, high) + slack)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -67,8 +67,8 @@ from ..equilibrium import UNOBSERVED, Observer
 from ..geometry import Plate, check_plate
 from ..io import read_toml
 from ..materials import (
+    AnyGel,
     Composite,
-    Gel,
     PixelField,
     WithHoles,
     check_gel,
@@ -108,7 +108,7 @@ class Case:
     """Built-in name, or the case file's name without its ending."""
     plate: Plate
     """Plate with its holes."""
-    gel: Gel | Composite
+    gel: AnyGel
     """Material, or those of the plate and its regions."""
     loads: Loads
     """Body force and tractions."""

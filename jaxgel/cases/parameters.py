@@ -36,7 +36,7 @@ from .._validation import (
 from ..design import PIXELS, REACH, DesignField
 from ..geometry import Plate
 from ..io import MASK, mask_table, mask_values, read_toml
-from ..materials import ACCEPTED, Composite, Gel, check_gel, matrix_of, with_matrix
+from ..materials import ACCEPTED, AnyGel, Gel, check_gel, matrix_of, with_matrix
 from .case import SECTIONS, Case, from_table, load_case
 
 LINKS = ("same", "turned", "mirrored")
@@ -313,9 +313,7 @@ def plate_of(plate: Plate, parameters: list[dict]) -> Callable[[dict], Plate]:
     return place
 
 
-def gel_of(
-    gel: Gel | Composite, parameters: list[dict]
-) -> Gel | Composite | Callable[[dict], Gel | Composite]:
+def gel_of(gel: AnyGel, parameters: list[dict]) -> AnyGel | Callable[[dict], AnyGel]:
     """The gel, or a function of a dict of parameters if Nv or chi is one, a number or a field.
 
     That outside the regions.

@@ -67,12 +67,12 @@ class Bath:
         """Its times, also if JAX differentiates by these."""
         return np.asarray(differentiated_value(self.times))
 
-    def at(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+    def at(self, t: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
         """Chemical potentials (...), kT, at times ``t``."""
         return _xp(t, self.times, self.mu).interp(t, self.times, self.mu)
 
     def inverse_root_age(
-        self, t: Float[Array, "..."], start: Scalar, *, rising: bool = False
+        self, t: Float[Array, "..."] | Scalar, start: Scalar, *, rising: bool = False
     ) -> Float[Array, "..."]:
         """Means (...) of 1 / sqrt(t - s) over the changes at s < ``t``, from ``start``, kT.
 
@@ -108,7 +108,7 @@ def _xp(*values):
 
 
 def values_of(
-    baths: Sequence[Bath], start: Sequence[Scalar], t: Float[Array, "..."]
+    baths: Sequence[Bath], start: Sequence[Scalar], t: Float[Array, "..."] | Scalar
 ) -> tuple[Float[Array, "... b"], Float[Array, "... b"], Float[Array, "... b"]]:
     """Potentials (..., b), kT, of baths at ``t``, `inverse_root_age`, and that of rises.
 

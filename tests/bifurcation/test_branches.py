@@ -7,6 +7,8 @@ import jaxgel
 from jaxgel import Problem
 from jaxgel.equilibrium import accepted, solve
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.fixture(scope="module")
 def point(buckling_point):

@@ -77,6 +77,7 @@ def critical_mu(pillars_model):
     return critical_mu
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "of",
     [*(pytest.param(of, marks=pytest.mark.slow) for of in (0, 1)), 2],
@@ -171,6 +172,7 @@ def test_derivative_of_a_double_onset_is_that_of_the_mean(direction, cloud_of):
     assert (np.diff(points[-1][2])[0] > 1e-5) == (direction[0] != direction[1])
 
 
+@pytest.mark.thorough
 def test_jit_and_second_derivatives_are_refused(pillars_model):
     def critical_mu(chi):
         return jaxgel.critical_points(jaxgel.Problem(pillars_model, jaxgel.Gel(1e-3, chi)), WINDOW)[
@@ -183,6 +185,7 @@ def test_jit_and_second_derivatives_are_refused(pillars_model):
         jax.grad(jax.grad(critical_mu))(1e-4)
 
 
+@pytest.mark.thorough
 def test_numbers_beside_the_critical_value_refuse_derivatives(pillars_model, point):
     """Its slope, state and modes are found outside of JAX.
 

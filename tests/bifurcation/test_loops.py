@@ -22,6 +22,8 @@ from jaxgel.io import write_loop
 from jaxgel.mechanics import restrict
 from jaxgel.plotting import plot_loop
 
+pytestmark = pytest.mark.thorough
+
 MU = -1.4  # kT: the beam has buckled, and its limits of stability are folds; it buckles at -1.72
 STEEP = -0.6  # it loses its stability to a mode that turns its middle, before the fold
 AT = 0.02  # of the load, inside the loop

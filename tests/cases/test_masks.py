@@ -176,6 +176,7 @@ def test_a_printed_gel_is_written_as_an_outline_and_masks_of_one_scale(case, tmp
     np.testing.assert_allclose(np.ptp(outline, axis=0), (4, 2))
 
 
+@pytest.mark.thorough
 def test_any_field_is_written_at_the_centres_of_the_pixels(tmp_path, tiny_model):
     """A function, and one by its values at nodes, black where that has none."""
     plane = lambda X: 1.0 + 0.1 * X[..., 0] - 0.2 * X[..., 1]  # noqa: E731

@@ -204,6 +204,7 @@ def test_samples_of_a_file_are_the_points_by_the_names_of_their_columns(tmp_path
     assert problem == {"num_vars": 2, "names": ["Nv", "chi"], "bounds": [[1e-3, 2e-3], [0.0, 0.4]]}
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore")  # of SALib's own
 def test_salib_draws_the_points_and_analyses_the_table(tmp_path):
     sobol = pytest.importorskip("SALib.sample.sobol")
@@ -400,6 +401,7 @@ def test_a_finished_map_is_not_run_again(holes):
         )
 
 
+@pytest.mark.thorough
 def test_a_lost_point_is_tried_again_and_then_given_up_until_resumed(tmp_path, caplog):
     mapped, executor = study(tmp_path, QUICK), Inline(point_0000=1, point_0002=TRIES)
     rows = run_map(mapped, tmp_path / "out", executor)
@@ -417,6 +419,7 @@ def test_a_lost_point_is_tried_again_and_then_given_up_until_resumed(tmp_path, c
     assert (tmp_path / "out" / "0000" / POINT).stat().st_mtime_ns == kept
 
 
+@pytest.mark.thorough
 def test_an_interrupted_map_keeps_what_has_ended(tmp_path, monkeypatch):
     run_point = map_runs.run_point
 
@@ -557,6 +560,7 @@ def alike(one, other):
     return True
 
 
+@pytest.mark.thorough
 def test_a_program_sweeps_in_batches_what_the_cloud_carries_and_the_host_the_others(
     tmp_path, monkeypatch
 ):

@@ -34,6 +34,7 @@ def given(tmp_path_factory):
     return killed(GIVEN, tmp_path_factory.mktemp("given"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("run", [pytest.param("given", marks=pytest.mark.slow), "swept"])
 @pytest.mark.parametrize(
     "first",
@@ -98,6 +99,7 @@ def assert_same(folder, other, k=1):
     }
 
 
+@pytest.mark.thorough
 def test_a_path_read_back_is_the_one_that_was_written(swept):
     folder, path = swept
     again = load_path(folder)
@@ -151,6 +153,7 @@ def other_mu(folder):
     edit(folder, options=options | {"sweep": sweep | {"mu_start": -4.0, "mu": [-4.0, -1.0]}})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("damage", "message"),
     [

@@ -62,6 +62,7 @@ print(json.dumps(told))
 """
 
 
+@pytest.mark.thorough
 def test_the_process_is_prepared_and_variables_of_the_user_are_kept(tmp_path):
     """Defaults: programs in the user's cache folder, CPU, XLA's flags, unless told otherwise."""
     home, flag = (

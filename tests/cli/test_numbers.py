@@ -281,6 +281,7 @@ def test_a_numeric_option_ends_in_a_result_or_one_line(command, fault):
     assert not faults, "\n".join(faults)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "whole"),
     [(name, False) for name in QUICK]

@@ -18,6 +18,8 @@ from jaxgel.cli import command_line as cli
 from jaxgel.io import load_run
 from jaxgel.observables import COLUMNS, uptake
 
+pytestmark = pytest.mark.thorough
+
 TIMES = [0.001, 0.01, 0.1, 0.2, 1.0]
 CASE = (
     changed(COARSE, ("radius = 1.1\n", "radius = 1.1\nbath = { mu = -1.0, ramp = 0.15 }\n"))

@@ -12,6 +12,8 @@ import jaxgel
 from jaxgel.controls import Driven, Load, Setting, Stretch, chi
 from jaxgel.equilibrium import Status
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.fixture(scope="module")
 def model(tiny_model):

@@ -165,6 +165,7 @@ def test_factor_by_blocks_is_that_of_the_whole_tangent(turned):
     np.testing.assert_allclose(alone.accurate(symmetric), blocks.accurate(symmetric), rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_modes_of_a_block_that_none_was_followed_in_are_found(buckling):
     """From modes of the other blocks alone, the lowest of all is found in a few states."""
     problem = Problem(buckling, GEL, contact=False).prepared
@@ -193,6 +194,7 @@ def field_of(mode, state, problem):
     return np.asarray(scatter(mode, problem.free))[None]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("symmetry", [pytest.param("off", marks=pytest.mark.slow), "auto"])
 def test_edges_stay_in_their_places(symmetry):
     """To the bit, in a sweep of many given values.

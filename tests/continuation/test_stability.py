@@ -44,6 +44,7 @@ def tiny_path(tiny_model):
     )
 
 
+@pytest.mark.thorough
 def test_lowest_eigenvalues_along_a_sweep_are_those_of_the_hessian(tiny_path):
     """To the analysis's accuracy, 1e-3; a factor of two for the estimate of the last gain."""
     np.testing.assert_allclose(
@@ -93,6 +94,7 @@ def unstable_path(buckling_model):
     return jaxgel.sweep(problem, [-2.2, -1.645, -1.635, -1.3], branch="symmetric", eigenvalues=True)
 
 
+@pytest.mark.thorough
 def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable_path):
     """Modes followed so far may all have another symmetry than the unstable one."""
     problem = Problem(unstable_path.model, unstable_path.gel, contact=False).prepared
@@ -126,6 +128,7 @@ def test_the_lowest_eigenvalue_is_found_where_modes_change_their_order(cloud_of)
     np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
 
 
+@pytest.mark.thorough
 def test_modes_that_were_followed_may_have_become_the_same(unstable_path):
     problem = Problem(unstable_path.model, unstable_path.gel, contact=False).prepared
     stiffness, mu = StabilityAnalysis(problem).stiffness, unstable_path.mu[0]
@@ -162,6 +165,7 @@ def test_the_history_has_the_lowest_eigenvalues_that_were_asked_for(tiny_model, 
     assert list(table["negative_pivots"]) == [0, 0]
 
 
+@pytest.mark.thorough
 def test_a_mode_points_the_same_way_whatever_the_sign_it_comes_with(tiny_path):
     problem = Problem(tiny_path.model, tiny_path.gel, contact=False).prepared
     vectors = np.random.default_rng(1).normal(size=(len(problem.pattern.free), 3))

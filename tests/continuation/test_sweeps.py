@@ -229,6 +229,7 @@ def test_interruption_passes_through_with_all_finished_steps_delivered(tiny_mode
 # --- how sweeps end -------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "mu",
     [pytest.param([-2.0, -1.0, 0.0, 0.5], marks=pytest.mark.slow), jaxgel.Adaptive(-2.0, 0.5)],
@@ -420,6 +421,7 @@ def test_a_first_state_predicts_the_second_to_second_order(tiny_model):
     np.testing.assert_allclose(np.log2(np.divide(misses[:-1], misses[1:])), 2, atol=0.15)
 
 
+@pytest.mark.thorough
 def test_one_factor_is_in_memory_at_a_time(coarse_model, monkeypatch):
     """At 3e5 nodes each fills gigabytes.
 

@@ -12,6 +12,8 @@ import jaxgel
 from jaxgel.equilibrium import Status
 from jaxgel.mechanics import touches
 
+pytestmark = pytest.mark.thorough
+
 VALUES = np.array([-4.5, -3.0, -2.0, -1.4])
 PLATE = jaxgel.Plate(8.0, 8.0, [jaxgel.Ellipse((3.8, 4.1), (3.0, 2.6), 0.3)])
 DESIGN = np.array([3.0, 2.6, 1e-3, 0.1])  # semi-axes (mm), Nv, chi

@@ -339,6 +339,7 @@ def test_values_are_local_and_independent_of_unit_place_and_direction(basis, kin
     np.testing.assert_allclose(scale * moved[1], gradient @ turn.T, atol=1e-10)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("basis", "kind"),
     [("quadratic", "imls"), pytest.param("linear", "iicvmls", marks=pytest.mark.slow)],

@@ -282,6 +282,7 @@ def rough(model, seed=0):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fixture", ["coarse_model", "tiny_model", "slit_model"])
 def test_gradients_of_volumes_are_their_difference_quotients(fixture, request):
     """V J is quadratic in the positions, so that a central difference is exact at any step."""

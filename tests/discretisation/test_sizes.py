@@ -117,6 +117,7 @@ def test_shape_functions_of_a_similar_plate_are_not_compiled_again():
     assert [name for name in names if any(part in name for part in dear)] == []
 
 
+@pytest.mark.thorough
 def test_layout_pads_without_weight_and_length():
     cloud = jaxgel.make_cloud(plate((2.4, 1.6)))
     lists = jaxgel.discretise(cloud).lists

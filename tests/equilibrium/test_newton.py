@@ -221,6 +221,7 @@ def test_walls_hold_the_components_they_should(condition, held):
     assert np.all(np.diff(free) > 0)
 
 
+@pytest.mark.thorough
 def test_assembly_never_holds_the_matrices_of_all_points(coarse_model):
     """Of one component each, let alone four; a step needs less than a fifth of that."""
     gel = coarse_model.cloud.plate.gel

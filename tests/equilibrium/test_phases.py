@@ -170,6 +170,7 @@ def test_phases_of_the_roots():
     assert found[along_y, 304.0] == [0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("branch", [0, 1, 2])
 def test_newton_converges_quadratically_in_every_phase(branch, models):
     model, gel = models[in_plane], Pnipam(TWO)
@@ -293,6 +294,7 @@ def rise(graded):
     return (8 * (again(step) - again(-step)) - again(2 * step) + again(-2 * step)) / (12 * step)
 
 
+@pytest.mark.thorough
 def test_the_tangent_takes_the_force_of_the_temperature_to_the_change_of_the_state(graded, rise):
     """Of a plate in all phases at once."""
     model, gel, state = graded
@@ -363,6 +365,7 @@ def test_a_free_film_is_collapsed_or_swollen(branch):
 # --- what it is linearised about ------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("J", [1.5, 1.78, 2.4, 4.0])
 def test_a_held_plate_is_stable_while_the_gel_is_elliptic(J):
     """All edges held at J: longitudinal waves have stiffness Nv + J dp/dJ, transverse Nv.

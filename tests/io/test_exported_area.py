@@ -78,6 +78,7 @@ def area_of_picture(file, gel):
     return grey.mean() * (right - left) * (high - low)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     [*SOME, *(pytest.param(name, marks=pytest.mark.slow) for name in PLATES if name not in SOME)],

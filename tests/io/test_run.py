@@ -52,6 +52,7 @@ def test_history_has_exactly_the_columns_of_the_interface_and_a_row_per_state(ru
     assert [float(row[0]) for row in rows] == list(path.mu)
 
 
+@pytest.mark.thorough
 def test_history_repeats_the_observables_to_the_last_digit(run_folder, path):
     saved, again = load_run(run_folder).history, history(path)
     assert saved["status"] == ["converged"] * len(path.mu)

@@ -10,6 +10,7 @@ from jaxgel.io import write_series
 from jaxgel.observables import cauchy_stress, solvent_flux, solvent_potential
 
 
+@pytest.mark.thorough
 def test_paraview_files_hold_every_state_in_the_order_of_mu(path, tmp_path):
     write_series(path, tmp_path)
     sets = ElementTree.parse(tmp_path / "series.pvd").getroot().findall("Collection/DataSet")

@@ -203,6 +203,7 @@ def test_largest_mu_is_Nv_for_a_good_solvent():
         assert jnp.isnan(free_swelling(1.01 * Nv, gel))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("Nv", [1e-4, 1e-3, 0.1])
 @pytest.mark.parametrize("excess", [0.01, 0.1, 0.5])
 def test_a_poor_solvent_has_a_spinodal(Nv, excess):
@@ -312,6 +313,7 @@ FUNCTIONS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     [

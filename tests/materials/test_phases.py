@@ -171,6 +171,7 @@ def test_a_gel_without_a_state_has_none():
 # --- limits of stability and coexistence ----------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("Nv", "swelling"), [CASE, *slow([*OTHERS, *MORE])])
 def test_phases_end_at_extremes_of_the_temperature_and_coexist_where_areas_are_equal(Nv, swelling):
     """PNIPAM solutions separate at 32 degrees (Heskins & Guillet, 1968), gels shrink at 32-34."""
@@ -200,6 +201,7 @@ def poor(chi, Nv=0.06):
     return Gel(Nv, chi)
 
 
+@pytest.mark.thorough
 def test_a_good_solvent_has_one_phase():
     assert coexistence(poor, between=(0.1, 0.3), swelling="plane strain").control.shape == (0,)
     assert coexistence(Gel(), swelling="plane strain").J.shape == (0, 2)
@@ -212,6 +214,7 @@ def test_more_crosslinks_leave_one_phase(Nv, swelling):
         assert find(lambda T: Pnipam(Nv, T), between=RANGE, swelling=swelling).control.shape == (0,)
 
 
+@pytest.mark.thorough
 def test_limits_in_mu_of_a_poor_solvent_are_the_roots_of_a_quadratic_equation():
     """W'' = 0 in plane strain: Nv J^2 + (1 - 2 chi - Nv) J + 2 chi = 0."""
     for Nv in (1e-3, 0.1148, 0.114879):  # the last two J are 4 % apart

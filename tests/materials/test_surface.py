@@ -264,6 +264,7 @@ def test_a_dry_gel_is_stable_and_a_gel_in_its_miscibility_gap_is_not():
     assert surface_stability(jnp.array([1.0, 3.0]), -3e-3, bulk_stiffness(3.0, poor), poor) == -1
 
 
+@pytest.mark.thorough
 def test_the_state_of_a_surface_has_no_traction():
     """dW/dl2 = 0 for the network written out.
 

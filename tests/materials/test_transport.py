@@ -13,6 +13,7 @@ layer_potential, layer_stretch, layer_uptake = map(
 GEL = Gel(1e-3, 0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("gel", [GEL, Gel(1e-3, 0.1, network=Gent(30.0))])
 def test_the_stretch_of_a_layer_is_the_inverse_of_its_potential(gel):
     """Also sideways stretched and held at an axial stretch; with its derivative, by differences."""

@@ -139,6 +139,7 @@ def test_layers_swell_each_by_its_own_uniaxial_stretch(other):
         )
 
 
+@pytest.mark.thorough
 def test_an_elastomer_under_a_gel_has_the_force_of_its_closed_form():
     """Both layers are pressed by the same traction, dW/dl of each written out."""
     model, traction, mu = layered(())[0], -0.3, -3.0

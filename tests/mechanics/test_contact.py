@@ -195,6 +195,7 @@ def test_parallel_surfaces_press_each_other_as_documented(gap, pressure):
     assert value == pytest.approx(pressure, rel=5e-3)  # as many digits as are printed
 
 
+@pytest.mark.thorough
 def test_contact_changes_nothing_before_holes_touch(slit):
     model = jaxgel.discretise(slit)
     on, off = (
@@ -211,6 +212,7 @@ def assert_closed(path):
     assert path.negative_pivots[-1] == 0 and path.residual.max() < 1e-10
 
 
+@pytest.mark.thorough
 def test_sides_that_touch_do_not_overlap_and_are_in_equilibrium(closed):
     assert_closed(closed)
 
@@ -258,6 +260,7 @@ def test_a_leap_into_contact_is_refused(value, status, slit):
     )
 
 
+@pytest.mark.thorough
 def test_a_sweep_told_to_stop_ends_before_the_overlap(slit):
     path = jaxgel.sweep(
         jaxgel.Problem(jaxgel.discretise(slit), GEL, contact=False),

@@ -163,6 +163,7 @@ def test_linearisation_has_the_forces_and_constraint_errors_of_the_mixed_functio
     assert float(now.violation) > 1
 
 
+@pytest.mark.thorough
 def test_condensed_newton_step_solves_the_full_saddle_point_system(tiny_model):
     model, gel, mu = tiny_model, Gel(), -1.8
     problem, free = (

@@ -56,6 +56,7 @@ def _widen(patch):
                 patch.setattr(module, name, more)
 
 
+@pytest.mark.thorough
 def test_energy_forces_and_tangent_do_not_depend_on_the_padding(tiny_plate, monkeypatch):
     def found():
         model = jaxgel.discretise(jaxgel.make_cloud(tiny_plate))
@@ -125,6 +126,7 @@ def compiled(run):
     return names
 
 
+@pytest.mark.thorough
 def test_a_second_plate_compiles_nothing():
     """Neither for its cloud and sweep nor for the gradient by its holes."""
 
@@ -135,6 +137,7 @@ def test_a_second_plate_compiles_nothing():
     assert compiled(lambda: run((2.38, 1.63))) == []
 
 
+@pytest.mark.thorough
 def test_a_state_in_which_nothing_touches_takes_the_programs_of_a_problem_without_contact(
     tiny_model,
 ):

@@ -54,6 +54,7 @@ def numbers(A, mu):
     )
 
 
+@pytest.mark.thorough
 def test_the_energy_is_the_least_over_the_thickness():
     """By a search over l3, and its derivatives by each other; the areal stretch may be below 1."""
     pairs = [(A, mu) for A in (0.7, 1.0001, 1.3, 3.0) for mu in (-2.0, -0.1)]
@@ -129,6 +130,7 @@ def test_a_strip_held_along_one_axis():
     assert all("wrinkles out of its plane (-" in text for text in history(path)["status"])
 
 
+@pytest.mark.thorough
 def test_a_film_held_along_both_axes_swells_by_eq_59_through_its_thickness():
     path, X = swollen("roller", MU)
     thickness = [root(lambda l3, mu=mu: potential(l3) + GEL.Nv * l3 - mu) for mu in MU]

@@ -87,6 +87,7 @@ def test_the_derivative_of_the_energy_by_the_stretch_is_the_axial_force(block):
     assert abs(float(force(free))) < 1e-9 * 4 * GEL.Nv
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("network", [Gent(30.0), ArrudaBoyce(8.0)])
 def test_other_networks_swell_freely_as_their_energy_says(network):
     """By differences of W(l, l, l), written with I = 3 l^2; and in plane with a held stretch."""
@@ -154,6 +155,7 @@ def own_network(F, gel):
     return gel.Nv / 2 * (jnp.sum(F**2) - 2)
 
 
+@pytest.mark.thorough
 def test_what_is_not_possible_is_said_in_one_line(tiny_plate, block):
     held = dict(kinematics="generalised plane strain")
     for wrong in (0.0, -1.0, np.nan, "free", [1.0]):

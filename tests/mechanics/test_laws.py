@@ -44,6 +44,7 @@ def repeated(law, count):
     return jax.tree.map(lambda leaf: np.tile(leaf, count) if np.ndim(leaf) else leaf, law)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kinematics", KINEMATICS)
 @pytest.mark.parametrize("material", MATERIALS)
 def test_pressure_and_stiffness_are_slopes_of_the_energy_and_have_an_inverse(material, kinematics):

@@ -36,6 +36,7 @@ def constant(gel):
     return dataclasses.replace(gel, Nv=pixels(np.ones((5, 4))), chi=lambda X: 1e-4 + 0 * X[0])
 
 
+@pytest.mark.thorough
 def test_energy_forces_and_tangent_with_a_constant_field_are_those_of_the_plain_gel(tiny_model):
     x = np.asarray(tiny_model.cloud.nodes)
     x, found = 1.3 * x + 0.02 * np.random.default_rng(1).normal(size=x.shape), []
@@ -213,6 +214,7 @@ def test_a_nodal_field_reproduces_nodal_values_and_quadratics(tiny_plate, tiny_m
             np.testing.assert_allclose(one, other, rtol=1e-11)
 
 
+@pytest.mark.thorough
 def test_a_nodal_field_says_where_it_has_no_value_and_what_it_takes(tiny_model, tilted_cloud):
     field = nodal(tiny_model)
     assert np.isnan(field.at(np.array([[5.0, 0.0], [2.8, 2.8], [1.0, 3.1]]))).all()

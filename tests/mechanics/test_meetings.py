@@ -14,6 +14,8 @@ from crossings import crossed
 import jaxgel
 from jaxgel.mechanics import touches
 
+pytestmark = pytest.mark.thorough
+
 GEL, RANGE, STEP = jaxgel.Gel(Nv=1e-3, chi=1e-4), 0.1, 1e-4
 SLOT = jaxgel.Plate(
     2,

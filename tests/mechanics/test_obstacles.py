@@ -73,6 +73,7 @@ def test_a_pressed_block_has_the_stress_of_uniform_compression(pressed):
     np.testing.assert_allclose(force[:, 0, 0], 0.0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_force_is_the_derivative_of_the_energy_by_the_punch(pressed):
     """By the derivative rule of the sweep, which moves the state with the punch.
 
@@ -112,6 +113,7 @@ def test_derivatives_by_the_place_of_an_obstacle_are_differences():
     assert float(difference[0]) == pytest.approx(-float(at_wall(y)[1]), rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_leak_area_is_what_is_left_to_the_wall(pressed):
     """Distance of a free block's flat top from the punch, differentiable; 0 if pressed."""
     open_area = np.asarray(jaxgel.leak_area(pressed))
@@ -125,6 +127,7 @@ def test_the_leak_area_is_what_is_left_to_the_wall(pressed):
     assert float(jax.grad(leak)(0.05)) == pytest.approx(-1.0, rel=1e-12)
 
 
+@pytest.mark.thorough
 def test_pressure_along_the_top_adds_up_to_the_force(pressed):
     points, pressure = map(np.asarray, contact_pressure(pressed))
     assert pressure.max() > 0 and points[pressure > 0, 1].min() > 0.5
@@ -133,6 +136,7 @@ def test_pressure_along_the_top_adds_up_to_the_force(pressed):
     assert total == pytest.approx(float(obstacle_force(pressed)[-1, 0, 1]), rel=1e-10)
 
 
+@pytest.mark.thorough
 def test_the_pressure_has_the_derivative_of_differences(pressed):
     """By the depth of the punch, through the sweep; central differences of fourth order."""
     weights = np.cos(np.arange(len(contact_pressure(pressed)[1])))
@@ -173,6 +177,7 @@ def test_a_strip_at_a_wall_swells_freely_and_is_then_held():
     assert heights[0] / heights[1] == pytest.approx(2.0, rel=0.03) == heights[1] / heights[2]
 
 
+@pytest.mark.thorough
 def test_tangent_at_an_obstacle_is_the_hessian(pressed):
     problem, state = pressed.problem, pressed[-1]
     near = problem.at(state.value)[0].touching(state.x).prepared

@@ -61,6 +61,7 @@ FEW = {"inside", "corner", "two parts"}
 EACH = [pytest.param(hole, "free", marks=[pytest.mark.slow] * (hole not in FEW)) for hole in HOLES]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("hole", "edges"), [*EACH, ("corner", "roller"), ("corner", "mixed")])
 def test_every_loop_of_an_affinely_moved_plate_is_the_moved_dry_loop(hole, edges):
     model = model_of(hole, edges)

@@ -51,6 +51,7 @@ def tangents(over_network, spacing):
     ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spacing", EACH_SPACING)
 @pytest.mark.parametrize("p", PRESSURES)
 def test_lowest_eigenvalue_of_the_tangent_is_the_same_at_all_pressures(p, spacing):

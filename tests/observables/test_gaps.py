@@ -296,6 +296,7 @@ def test_gap_has_the_derivative_by_positions_of_differences(lopsided_model):
     )
 
 
+@pytest.mark.thorough
 def test_gap_has_the_derivative_by_hole_parameters_of_differences(lopsided):
     plate, cloud = lopsided
     names = ("radius", "cos", "sin")

@@ -22,6 +22,8 @@ from jaxgel.observables import (
     uptake_fraction,
 )
 
+pytestmark = pytest.mark.thorough
+
 GEL = jaxgel.Gel(1e-3, 0.1)
 KINK = 0.1  # time at which the ramp of the top edge's bath ends
 

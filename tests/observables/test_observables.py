@@ -59,6 +59,7 @@ def sample_1():
     )
 
 
+@pytest.mark.thorough
 def test_rotation_of_sample_1_is_that_of_finite_elements(sample_1):
     for found, known in (
         (jaxgel.rotation_angle(sample_1), MIDLINE[:5]),
@@ -85,6 +86,7 @@ def test_rotations_on_a_finer_cloud_are_those_of_finite_elements():
     np.testing.assert_allclose(path.energy, ENERGY, rtol=5e-4)
 
 
+@pytest.mark.thorough
 def test_area_and_energy_of_sample_1_are_those_of_finite_elements(sample_1):
     # the references are rounded to 1e-6
     np.testing.assert_allclose(jaxgel.area_reduction(sample_1), AREA[:5], rtol=5e-4, atol=1e-6)
@@ -269,6 +271,7 @@ def test_aspect_ratio_is_that_of_the_ellipse(coarse_path):
     np.testing.assert_allclose(ratios[1], np.where(along_x, 8 / 3, 10 / 2.4), rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_freely_swollen_plate_has_no_stress_and_surface_ratio_one(coarse_path):
     """x = l X is an equilibrium without walls: p = -Nv, J = l^2 everywhere."""
     gel, mu = coarse_path.gel, coarse_path.mu
@@ -305,6 +308,7 @@ def test_surface_ratio_grows_past_the_crease_limit_late_in_the_sweep(coarse_path
     assert crease == pytest.approx(KNOWN["crease_mu"], abs=0.05)
 
 
+@pytest.mark.thorough
 def test_mean_surface_ratio_of_a_homogeneous_strain(coarse_path, tiny_model):
     """Arcs of a hole keep stretch 1.7 under x = 1.7 X.
 

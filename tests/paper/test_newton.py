@@ -93,6 +93,7 @@ def test_multipliers_hold_the_walls_better_than_a_penalty(swollen):
     assert slip(*held) < 0.1 * slip(*given_way)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["displacement", pytest.param("cells", marks=pytest.mark.slow)])
 def test_newtons_matrix_is_the_hessian_of_the_energy_for_complex_shape_functions(swollen, method):
     scheme, states = swollen(kind="icvmls", conditions="penalty", method=method)
@@ -114,6 +115,7 @@ def test_newtons_matrix_is_the_hessian_of_the_energy_for_complex_shape_functions
     np.testing.assert_allclose(matrix.toarray(), hessian, atol=1e-5 * np.abs(hessian).max())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["iicvmls", "mls", "icvmls"])
 def test_deformation_gradient_is_the_derivative_of_the_position(cloud_of, kind):
     scheme = make_scheme(cloud_of("square"), kind=kind, conditions="penalty")

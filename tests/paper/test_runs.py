@@ -162,6 +162,7 @@ def test_rotation_has_no_threshold(coarse_path):
     assert 0.05 < angle[0] < 1.0 and all(b > a for a, b in itertools.pairwise(angle))
 
 
+@pytest.mark.thorough
 def test_pillars_are_straight_on_the_symmetric_branch_only(buckling_model):
     gel = buckling_model.cloud.plate.gel
     symmetric, stable = (

@@ -73,6 +73,7 @@ def whole_and_region(problem):
     return found[0], reduced, found[1]
 
 
+@pytest.mark.thorough
 def test_state_and_energy_of_the_region_are_those_of_the_plate(problem, whole_and_region):
     whole, reduced, found = whole_and_region
     np.testing.assert_allclose(found.x, whole.x, atol=1e-11)
@@ -90,6 +91,7 @@ def test_state_and_energy_of_the_region_are_those_of_the_plate(problem, whole_an
     assert at.residual_norm < 1e-9 and at.violation < 1e-9
 
 
+@pytest.mark.thorough
 def test_blocks_are_those_of_the_whole_tangent(problem, whole_and_region):
     """B^T K B = the block that the region gives.
 

@@ -201,6 +201,7 @@ def test_two_by_two_cell_buckles_before_the_unit_cell_as_the_infinite_lattice_do
     assert unit.negative_pivots.tolist() == [0, 0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "moved", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["gel", "hole"]
 )

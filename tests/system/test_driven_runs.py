@@ -21,6 +21,8 @@ from jaxgel.io import Progress, export, load_run, swollen_gel, write_outline, wr
 from jaxgel.observables import COLUMNS, events, history
 from jaxgel.plotting import plot_curve, plot_curves, plot_pattern, plot_patterns
 
+pytestmark = pytest.mark.thorough
+
 CASE = (
     TINY
     + """

@@ -249,6 +249,7 @@ def test_the_energy_has_second_derivatives(along, last_energy):
     )
 
 
+@pytest.mark.thorough
 def test_chosen_steps_have_the_derivative_of_given_ones(cloud):
     model = jaxgel.discretise(cloud)
 
@@ -291,6 +292,7 @@ def test_rows_and_columns_of_a_jacobian_are_solved_together(tiny_model):
     assert np.all(rows != 0)
 
 
+@pytest.mark.thorough
 def test_a_stopped_gradient_is_noticed(observables, start, jacobian, monkeypatch):
     """This file's check is sensitive: a fixed contour gives another shape gradient.
 

@@ -89,6 +89,7 @@ def plain():
     return value
 
 
+@pytest.mark.thorough
 def test_a_second_process_neither_traces_nor_lowers_and_has_the_same_bits(tmp_path):
     """The first one's programs are tried by a process that outlives it."""
 

@@ -34,6 +34,8 @@ from jaxgel.plotting import plot_pattern
 from jaxgel.symmetry import bases, region, symmetries_of
 from jaxgel.waves.bloch import BlochStates
 
+pytestmark = pytest.mark.thorough
+
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 SIZES = dict(spacing=0.25, nodes_per_hole=12)
 COARSE = dict(spacing=0.4, nodes_per_hole=8)

@@ -96,6 +96,7 @@ def test_affine_fields_have_their_gradient_on_a_cell_whose_frame_was_moved():
     assert area == pytest.approx(4 - np.pi * (0.24 + 0.15**2), rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_fields_and_loads_are_functions_of_the_coordinates_as_given():
     """A field and a body force that move with the lattice are the same in its frame."""
 

@@ -17,6 +17,8 @@ from jaxgel.io import load_run, write_series
 from jaxgel.observables import COLUMNS, OF_OBSTACLES, obstacle_displacement
 from jaxgel.plotting import animate_pattern, plot_curves, plot_pattern, plot_patterns
 
+pytestmark = pytest.mark.thorough
+
 CASE = """
 [plate]
 width = 1.0

@@ -152,6 +152,7 @@ def test_a_ligament_too_narrow_for_shape_functions_is_named(holes, ligament):
         jaxgel.discretise(jaxgel.make_cloud(plate))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sides", [50, 300])
 def test_a_polygon_of_many_sides_has_a_node_at_each_corner(sides):
     turn = 2 * np.pi * np.arange(sides) / sides

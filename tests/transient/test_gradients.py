@@ -7,6 +7,8 @@ import pytest
 
 import jaxgel
 
+pytestmark = pytest.mark.thorough
+
 KINEMATICS = "generalised plane strain"
 TIMES = [1e-3, 0.01, 0.05, 0.2, 0.5]
 FAMILIES = {

@@ -126,6 +126,7 @@ def test_the_uptake_converges_with_the_spacing(name):
     assert errors[1][3:].max() < min(errors[0][3:].max(), 2e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "axial", [pytest.param(None, marks=pytest.mark.slow), AXIAL["axial_stretch"]]
 )
@@ -232,6 +233,7 @@ def lowest_ratio(problem, times):
     return path, (J.min() - 1) / (J[0].min() - 1)
 
 
+@pytest.mark.thorough
 def test_thin_layers_leave_the_other_side_of_a_patch_as_it_is(coarse):
     """J - 1 falls by less than 3 %; by 9 % if all of the flow works on the slopes of mu."""
     path, lowest = lowest_ratio(
@@ -253,6 +255,7 @@ def test_thin_layers_at_a_tilted_hole_leave_a_dry_gel_as_it_is():
     assert path.stop.ok and path.newton_iterations.max() <= 14 and lowest > 0.3
 
 
+@pytest.mark.thorough
 def test_what_mu_moves_has_its_slope_in_layers_of_any_steepness(coarse):
     """Work between places of mu from -4 to -0.03 kT: Flory and Rehner's, to round-off."""
     model, gel, solvent = (
@@ -327,6 +330,7 @@ def test_a_state_that_loses_stability_ends_the_path():
     ), event
 
 
+@pytest.mark.thorough
 def test_a_singular_tangent_ends_the_path(coarse, monkeypatch):
     """Whether its state is stable is not known.
 
@@ -380,6 +384,7 @@ def test_a_hole_that_closes_ends_the_path():
     )
 
 
+@pytest.mark.thorough
 def test_loads_alone_move_no_solvent_at_once(coarse):
     """At the least times the gel deforms and every group keeps its volume ratio."""
     loads = jaxgel.load_vector(coarse, traction={"top": (0.0, 1e-4)})
@@ -396,6 +401,7 @@ def test_loads_alone_move_no_solvent_at_once(coarse):
     )
 
 
+@pytest.mark.thorough
 def test_times_that_differ_by_round_off_are_one_step_and_none(coarse):
     """The second state is the first; the steps after it are as without it."""
     problem, close = jaxgel.Problem(coarse, GOOD, contact=False), 0.01 * (1 + 4e-16)
@@ -410,6 +416,7 @@ def test_a_gel_in_the_bath_of_its_equilibrium_rests(coarse):
     assert np.abs(path.x - path.x[0]).max() < 1e-10 and np.abs(path.supplied).max() < 1e-11
 
 
+@pytest.mark.thorough
 def test_steps_in_time_are_of_second_order(coarse):
     """A ramp, whose end is a step: differences of 4, 8 and 16 steps fall by more than 2^1.8."""
     problem = jaxgel.Problem(coarse, GOOD, contact=False)
@@ -497,6 +504,7 @@ def test_a_wetted_part_of_one_node_is_refused(monkeypatch):
         solvent_of(model, ("top",))
 
 
+@pytest.mark.thorough
 def test_a_path_that_was_interrupted_goes_on_to_the_same_bits(coarse):
     """After its first state, and before and after a kink of the bath between two of its times."""
     problem, bath, times = (

@@ -98,6 +98,7 @@ def test_mirrored_states_are_compared_by_their_size(found):
     np.testing.assert_allclose(bars.values, found.bars["core_rotation"].values, rtol=0.2)
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_compared_is_refused(refused):
     """An unknown quantity, no path, and paths at other values."""
 

@@ -33,6 +33,7 @@ def dense(waves, wave_vector):
     return [layout.matrix(part).toarray() for part in entries]
 
 
+@pytest.mark.thorough
 def test_matrices_are_hermitian_and_those_of_the_opposite_wave_the_conjugates(waves):
     for here, there in zip(dense(waves, K), dense(waves, -K), strict=True):
         assert np.abs(here - here.conj().T).max() < 1e-15
@@ -41,6 +42,7 @@ def test_matrices_are_hermitian_and_those_of_the_opposite_wave_the_conjugates(wa
     np.testing.assert_allclose(again, dense(waves, K)[0], atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mu", [-3.4, -2.9], ids=["stable", "unstable"])
 def test_lowest_eigenvalues_and_their_count_are_those_of_dense_matrices(cell, gel, mu):
     waves = BlochStates(

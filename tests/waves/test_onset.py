@@ -13,6 +13,8 @@ from jaxgel.continuation import SweepFailed, lowest_eigenvalue
 from jaxgel.plotting import plot_lattice, plot_zone, save_figure
 from jaxgel.waves import BlochStates
 
+pytestmark = pytest.mark.thorough
+
 WINDOW = (-3.6, -2.4)
 
 
