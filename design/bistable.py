@@ -27,7 +27,8 @@ from jaxgel.mechanics import Loads, load_vector
 MU = -1.2  # kT
 WANTED = 6e-4  # kT/v mm^2
 DISTANCE = 5.0  # of the centres from the midlines, mm
-SPACING, FINER = 0.45, 0.3  # of the clouds of the search and of the verification, mm
+SPACING, FINER = 0.45, 0.3  # of the cloud of the search and of the finest of the verification, mm
+SCALE = 0.01  # of the objective: a barrier that is a tenth off
 # greatest body force over the distance from the middle, kT/v mm^2, and how far it reaches, mm
 TORQUE, REACH = 1e-4, 3.0
 
@@ -146,15 +147,18 @@ def main(folder=Path("out/bistable")):
         reported=design.reported,
     )
     for name, parameters in (("start", problem.start), ("best", design.parameters)):
-        verified[name], path = verify(problem, parameters, spacing=FINER, mu=problem.mu)
+        verified[name], path = verify(
+            problem, parameters, spacing=(SPACING, FINER), scale=SCALE, mu=problem.mu
+        )
         found = barriers(path)
         verified[name]["negative"] = [
             *(barrier.state.negative_pivots for barrier in found),
             found[0].saddle.negative_pivots,
         ]
         own = verified[name]["reported"]["barrier"]
+        error = verified[name]["errors"]["reported"]["barrier"] or np.nan
         print(
-            f"{name}: barrier {own:.4e} kT/v mm^2 on {path.model.n_nodes} nodes; "
+            f"{name}: barrier {own:.4e} +- {error:.1e} kT/v mm^2 on {path.model.n_nodes} nodes; "
             f"{verified[name]['reason']}"
         )
     (folder / "verified.json").write_text(json.dumps(verified, indent=1))

@@ -51,7 +51,7 @@ import jaxgel.cli.command_line
 from jaxgel.cases import load_path
 from jaxgel.io import write_atomically
 
-ROOM = 4.5  # GiB that a test process may fill from one module to the next
+ROOM = 1.5  # GiB that a test process may fill from one module to the next
 # of the mappings: programs let go are traced and loaded again, half of all in a test process
 jaxgel._programs.CROWDED = 0.8
 # of its memory: compiled programs take some each; Linux allows 65530, and a module adds some
