@@ -4,7 +4,7 @@ The barrier between the two is prescribed. Problem: radius of the holes and Nv o
 the barrier from either pattern over the straight one is 6e-4 kT/v mm^2, with ligaments of at least
 1.1 mm and outlines that do not crease. Each pattern is entered under a torque on the middle and
 kept when that is taken away; both are certified stable there, and the saddle has one negative
-eigenvalue. The result is checked on a fresh, finer cloud.
+eigenvalue. The result is checked on fresh, ever finer clouds, which give it error bars.
 
     python design/bistable.py  # writes out/bistable: design.json, verified.json, design.png
 """
