@@ -46,23 +46,17 @@ import numpy as np
 import pytest
 
 import jaxgel
-import jaxgel._programs
 import jaxgel.cli.command_line
 from jaxgel.cases import load_path
 from jaxgel.io import write_atomically
 
 ROOM = 1.5  # GiB that a test process may fill from one module to the next
-# of the mappings: programs let go are traced and loaded again, half of all in a test process
-jaxgel._programs.CROWDED = 0.8
-# of its memory: compiled programs take some each; Linux allows 65530, and a module adds some
-# thousands
-MAPPINGS = 40_000
 
 
 def pytest_xdist_auto_num_workers(config):
-    """Workers of ``-n auto``: one per core, each with 6 GiB for compiled programs."""
+    """Workers of ``-n auto``: one per core, each with 3 GiB, of which it fills 2."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return max(1, min(os.cpu_count() or 1, memory // (6 * 2**30)))
+    return max(1, min(os.cpu_count() or 1, memory // (3 * 2**30)))
 
 
 LONG = (
@@ -292,7 +286,7 @@ def _forget_compiled_programs():
     unless it is told to give that back, every module from here on would begin without programs.
     """
     yield
-    if _resident() > ROOM or _mappings() > MAPPINGS:
+    if _resident() > ROOM:
         jax.clear_caches()
         gc.collect()
         if sys.platform == "linux":
@@ -308,9 +302,3 @@ def _resident():
         if file.exists()
         else float("inf")
     )
-
-
-def _mappings():
-    """Number of memory mappings of this process; 0 where the system does not tell."""
-    file = Path("/proc/self/maps")
-    return file.read_text().count("\n") if file.exists() else 0

@@ -72,6 +72,7 @@ def tiny(tmp_path_factory):
         yield own, client
 
 
+@pytest.mark.thorough
 def test_the_client_gets_the_values_of_the_sweep(tiny):
     own, client = tiny
     assert (client.get_input_sizes(), client.get_output_sizes()) == ([2], [2])

@@ -172,6 +172,7 @@ def test_a_mode_points_the_same_way_whatever_the_sign_it_comes_with(tiny_path):
     np.testing.assert_array_equal(oriented(vectors, problem), oriented(-vectors, problem))
 
 
+@pytest.mark.thorough
 def test_a_state_that_was_not_reached_has_no_lowest_eigenvalue(tiny_path):
     x = tiny_path.x.copy()
     x[-1] = np.nan

@@ -94,6 +94,7 @@ def test_exported_gel_has_the_area_of_its_cells(name):
     assert dry_gel(states.model.cloud.topology.plate).area == pytest.approx(dry, rel=2e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free, edge", "periodic"])
 def test_triangles_of_paraview_files_have_the_area_of_the_cells(name):
     """To 1e-3: triangle sides are chords of a free edge that bends 0.3 mm over ten of them."""

@@ -172,6 +172,7 @@ def test_plates_without_holes_have_no_events():
     assert events(table(surface_ratio=[np.nan] * 3, min_gap=[np.inf] * 3)) == []
 
 
+@pytest.mark.thorough
 def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeypatch):
     # mm; contact would act below 0.55
     gaps = dict(zip(path.mu, [0.9, -0.01, 0.2, -0.3], strict=True))

@@ -317,6 +317,7 @@ def test_gradient_through_contact_is_that_of_the_resolved_problem(slit, closed):
     assert touches(closed.x[-1], closed.model)  # at a lower mu
 
 
+@pytest.mark.thorough
 def test_a_hole_at_a_fixed_edge_that_turns_is_refused():
     """Wall contact is that with the hole's mirror image, which a sheared plate has not.
 

@@ -45,6 +45,7 @@ def test_page_holds_its_data_and_asks_the_network_for_nothing(page_file, path):
     )
 
 
+@pytest.mark.thorough
 def test_names_cannot_end_the_data_of_a_page(path):
     assert "</script><b>" not in view.page(path, title="</script><b>")
 
