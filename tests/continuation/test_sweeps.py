@@ -30,6 +30,7 @@ def given(tiny_model):
     return path, seen
 
 
+@pytest.mark.thorough
 def test_given_steps_are_all_there_in_order(given, tiny_model):
     path, seen = given
     np.testing.assert_array_equal(path.mu, np.linspace(-4.9678, -0.9678, 10))

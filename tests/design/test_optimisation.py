@@ -372,6 +372,7 @@ def test_gap_is_the_one_that_min_gap_reports(path):
     np.testing.assert_allclose(gaps.gap(path), jaxgel.min_gap(path), rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_a_search_meets_its_constraints_and_beats_its_start(problem):
     design = optimise(problem, evaluations=4)
     first = design.history[0]["value"]
@@ -680,6 +681,7 @@ def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(wide):
     np.testing.assert_allclose(after.values[0], before, rtol=1.2e-3)
 
 
+@pytest.mark.thorough
 def test_verification_is_on_a_fresh_cloud_and_says_what_is_wrong(
     problem, plate, cloud, monkeypatch
 ):

@@ -12,6 +12,7 @@ ROLLERS, PERIODIC = (
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("edges", [{"top": "free"}, ROLLERS, PERIODIC])
 def test_derivatives_are_those_of_the_energy_for_all_edges(edges, check_derivatives):
     plate = jaxgel.Plate(

@@ -312,6 +312,7 @@ def test_a_stopped_gradient_is_noticed(observables, start, jacobian, monkeypatch
     assert np.abs(gradient - jacobian[2]).max() > 1e-6 * np.abs(jacobian[2]).max()
 
 
+@pytest.mark.thorough
 def test_states_out_of_reach_are_nan_and_say_so(cloud):
     model = jaxgel.discretise(cloud)
 
