@@ -46,6 +46,8 @@ def compiled(*, static: tuple[str, ...] = ()) -> Callable[[Callable[P, R]], Call
         def call(*args: Any, **options: Any) -> Any:
             # else a program for numbers of Python and another one for those of arrays
             args = tuple([np.float64(arg) if type(arg) is float else arg for arg in args])
+            for name, arg in options.items():
+                options[name] = np.float64(arg) if type(arg) is float else arg
             if not (are_kept() or is_traced((args, options))) or jax.config.jax_disable_jit:
                 return jitted(*args, **options)
             fixed = [(place, args[place]) for place in places if place < len(args)]

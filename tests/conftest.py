@@ -60,13 +60,13 @@ def pytest_xdist_auto_num_workers(config):
 
 
 LONG = (
-    "branches.py",
-    "deflation.py",
-    "phases.py",
-    "solvent.py",
-    "swelling.py",
-    "times.py",
-    "wrinkling.py",
+    "bifurcation/branches.py",
+    "bifurcation/deflation.py",
+    "materials/phases.py",
+    "observables/solvent.py",
+    "observables/times.py",
+    "observables/wrinkling.py",
+    "transient/swelling.py",
 )
 
 
@@ -79,7 +79,7 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.parent.name in ("howto", "extend"):
             item.add_marker("slow")
-        elif item.path.name in LONG:
+        elif "/".join(item.path.parts[-2:]) in LONG:
             item.add_marker("thorough")
 
 

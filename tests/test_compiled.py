@@ -79,4 +79,6 @@ def test_a_number_of_python_and_one_of_an_array_take_one_program():
     )
     for factor in (2.0, np.float64(3.0), X[0]):
         product(X, factor)
-    assert names.count("jit(product)") == 1
+    for factor in (2.0, np.float64(3.0)):
+        product(X, factor=factor)
+    assert names.count("jit(product)") == 2  # one by place, one by name
