@@ -87,7 +87,8 @@ def check_ligaments(lines: Lines, spacing: float, nodes: Float[np.ndarray, "n 2"
             raise Inadmissible(
                 f"spacing: {spacing:g} mm leaves no node in the {line.length:.3g} mm ligament "
                 f"between {name} and {other_name}; "
-                f"use a spacing below {line.length:.3g}"
+                f"use a spacing below {line.length:.3g}, or {line.length / 2:.3g} to have two "
+                "squares across it"
             )
 
 
