@@ -110,35 +110,38 @@ def _candidates(points, kinds):
         return (slopes <= PERPENDICULAR**2) & inside
 
     found, round_off = [], PERPENDICULAR * np.max(length)
+    homogeneous = np.column_stack([points, np.ones(len(points))])
+    # heights over lines are products with (m, 3): from the middles of the sides, along them, and
+    # from the vertices, along both tangents there
+    across_middles, *ahead = (
+        np.column_stack([way, -_dot(way, foot)])
+        for way, foot in ((tangent, points + side / 2), (before, points), (after, points))
+    )
     # vertices from which the lines start
     for rows in np.array_split(np.arange(len(points)), -(-len(points) // BLOCK)):
-        some = points[rows]
-        along = some @ tangent.T - _dot(tangent, points)  # of the vertices on each side
-        height = some @ inward.T - _dot(inward, points)
-        start, end = np.nonzero(
-            (along >= -round_off) & (along <= length + round_off) & (height > 0)
-        )
-        vertex, distance, fraction = (
-            rows[start],
-            height[start, end],
-            np.clip(along[start, end] / length[end], 0.0, 1.0),
-        )
+        from_middle = homogeneous[rows] @ across_middles.T
+        start, end = _where(np.abs(from_middle) <= length / 2 + round_off)
+        vertex = rows[start]
+        distance = _dot(inward[end], points[vertex] - points[end])
+        fraction = np.clip(0.5 + from_middle[start, end] / length[end], 0.0, 1.0)
         holds = (
-            (vertex != end)
+            (distance > 0)
+            & (vertex != end)
             & (vertex != (end + 1) % len(points))
             & on_surface[vertex]
             & (kinds[end] != OPEN)
+            & (on_gel[vertex] | (kinds[end] == GEL))
         )
-        holds &= (on_gel[vertex] | (kinds[end] == GEL)) & is_normal(vertex, -inward[end])
+        vertex, end, distance, fraction = (
+            of_pairs[holds] for of_pairs in (vertex, end, distance, fraction)
+        )
+        holds = is_normal(vertex, -inward[end])
         found.append((distance[holds], vertex[holds], end[holds], fraction[holds]))
 
-        slopes = [
-            direction[rows] @ points.T - _dot(direction[rows], some)[:, None]
-            for direction in (before, after)
-        ]
-        start, end = np.nonzero(slopes[0] * slopes[1] <= round_off**2)
-        vertex, way = rows[start], points[end] - some[start]
-        distance = np.linalg.norm(way, axis=1)
+        slopes = [direction[rows] @ homogeneous.T for direction in ahead]
+        start, end = _where(slopes[0] * slopes[1] <= round_off**2)
+        vertex, way = rows[start], points[end] - points[rows[start]]
+        distance = np.hypot(*way.T)
         holds = (
             (vertex < end)
             & (distance > 0)
@@ -152,7 +155,9 @@ def _candidates(points, kinds):
             distance[holds],
             way[holds] / distance[holds, None],
         )
-        holds = is_normal(vertex, way) & is_normal(end, -way)
+        holds = is_normal(vertex, way)
+        vertex, end, distance, way = (of_pairs[holds] for of_pairs in (vertex, end, distance, way))
+        holds = is_normal(end, -way)
         found.append(
             (distance[holds], vertex[holds], end[holds], np.zeros(np.count_nonzero(holds)))
         )
@@ -192,4 +197,9 @@ def _turned(vectors):
 
 def _dot(one, other):
     """Products (m,) of vectors (m, 2)."""
-    return np.sum(one * other, axis=1)
+    return one[:, 0] * other[:, 0] + one[:, 1] * other[:, 1]
+
+
+def _where(holds):
+    """Rows and columns (c,) where a matrix (a, b) ``holds``, sooner than by ``np.nonzero``."""
+    return np.divmod(np.flatnonzero(holds), holds.shape[1])
