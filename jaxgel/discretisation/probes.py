@@ -1,5 +1,6 @@
 """Shape functions at probe points: material points, the midline and the core of the dry plate."""
 
+import contextlib
 import dataclasses
 
 import jax
@@ -134,13 +135,13 @@ def make_probe(
     )
 
 
+@once_per_owner
 def midline_probe(model: Model) -> Interpolation:
     """``Interpolation`` at the points (p, 2) on y = 0 of the dry gel, from left to right.
 
     It follows the model's cloud.
     """
-    points, neighbours = _midline(model.cloud.topology, model.dmax)
-    return interpolate(model.cloud, points, neighbours, model.basis)
+    return _interpolated(model, *_midline(model.cloud.topology, model.dmax))
 
 
 def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
@@ -148,14 +149,22 @@ def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
     return _midline(topology, dmax)[0]
 
 
+@once_per_owner
 def core_probe(model: Model) -> Interpolation:
     """``Interpolation`` at the plate's core point (1, 2) on the model's cloud.
 
     Its gradients are nan if the core lies in a hole.
     """
     points, neighbours, in_hole = _core(model.cloud.topology, model.dmax)
-    probe = interpolate(model.cloud, points, neighbours, model.basis)
+    probe = _interpolated(model, points, neighbours)
     return dataclasses.replace(probe, dphi=jnp.full_like(probe.dphi, jnp.nan)) if in_hole else probe
+
+
+def _interpolated(model, points, neighbours):
+    """``Interpolation`` on the model's cloud: numbers, also inside jit, unless the cloud moves."""
+    moves = is_traced(model.cloud.nodes)
+    with contextlib.nullcontext() if moves else jax.ensure_compile_time_eval():
+        return interpolate(model.cloud, points, neighbours, model.basis)
 
 
 @once_per_owner

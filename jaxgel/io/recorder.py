@@ -7,6 +7,7 @@ finished states stay readable and `jaxgel resume` goes on from them. Nothing is 
 
 import collections
 import csv
+import functools
 import json
 import os
 import platform
@@ -160,8 +161,7 @@ class Recorder:
             "format": FORMAT,
             "case": self.case.name,
             "options": self.case.table(),
-            "versions": {name: version(name) for name in NUMERICAL}
-            | {"python": platform.python_version(), "platform": platform.platform()},
+            "versions": _versions(),
             "nodes": len(self.model.cloud.nodes),
             "cells": int(self.model.n_cells),
             "quadrature_points": int(self.model.n_points),
@@ -197,6 +197,15 @@ class Recorder:
             f"{t:.4g}"
         )
         return [{"event": "bifurcation", "state": k, "t": t, "t_before": before, "text": text}]
+
+
+@functools.cache
+def _versions():
+    """Versions of what the last digits depend on."""
+    return {name: version(name) for name in NUMERICAL} | {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+    }
 
 
 def _clear(folder: File) -> None:
