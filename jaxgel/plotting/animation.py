@@ -1,20 +1,48 @@
 """A path as an animation."""
 
 from pathlib import Path as File
-from typing import Any
+from typing import Any, BinaryIO
 
 import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from .._deprecated import old_arguments
 from ..continuation import Path
 from ..observables import obstacle_displacement
-from .patterns import Gel, add_colorbar, colour_range, draw_frame, pictured_states
+from .filled import Gel
+from .patterns import add_colorbar, colour_range, draw_frame, pictured_states
 from .style import state_text, styled
 
 FRAMES_MAX = 60  # of an animation
+DPI = 110
+
+
+class _Frames(Figure):
+    """A figure that a writer of films saves frame by frame.
+
+    Only what moves is drawn for a frame, over all that does not, which is drawn once.
+    """
+
+    background: Any = None
+    moving: list[Artist]
+
+    def savefig(self, fname: BinaryIO, **_: Any) -> None:  # pyright: ignore
+        """Write the pixels of the frame, RGBA."""
+        canvas = self.canvas
+        if self.background is None:
+            for artist in self.moving:
+                artist.set_visible(False)
+            canvas.draw()
+            self.background = canvas.copy_from_bbox(self.bbox)
+        canvas.restore_region(self.background)
+        for artist in sorted(self.moving, key=Artist.get_zorder):
+            artist.set_visible(True)
+            self.draw_artist(artist)
+        fname.write(canvas.buffer_rgba())
 
 
 @styled
@@ -33,7 +61,9 @@ def animate_pattern(
         np.linspace(0, len(path.mu) - 1, min(FRAMES_MAX, len(path.mu))).round().astype(int)
     )
     vertices, values = pictured_states(path, states, field)
-    figure, ax = plt.subplots(figsize=(4.4, 3.8), layout="constrained")
+    figure = _Frames(figsize=(4.4, 3.8), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.subplots()
     gel = Gel(ax, path.model.cloud, vertices[0], values[0], colour_range(values, path, field))
     moved = obstacle_displacement(path[states])
     obstacles = draw_frame(
@@ -44,13 +74,13 @@ def animate_pattern(
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # every frame as the first one is laid out
     writer = kind(fps=max(1.0, len(states) / seconds))
-    with mpl.rc_context(settings), writer.saving(figure, str(file), dpi=110):
+    with mpl.rc_context(settings), writer.saving(figure, str(file), dpi=DPI):
         for k, v, colours, by in zip(states, vertices, values, moved, strict=True):
             gel.move(v, colours)
             obstacles.move(by)
             ax.set_title(state_text(path.value[k], path.control))
+            figure.moving = [*gel.artists, *obstacles.artists, ax.title]
             writer.grab_frame()
-    plt.close(figure)
 
 
 def _writer_of(file: str | File) -> tuple[type, dict[str, Any]]:

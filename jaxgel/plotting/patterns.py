@@ -10,18 +10,15 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import scipy.sparse
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
-from matplotlib.tri import Triangulation
 
 from .._deprecated import old_arguments
-from .._types import Array, Float, Int
+from .._types import Float
 from ..bifurcation import CriticalPoint
-from ..cloud import Cloud, boundary_edges, loop
+from ..cloud import Cloud
 from ..continuation import Path
 from ..controls import Control, Punch
 from ..discretisation import Model
@@ -39,8 +36,9 @@ from ..observables import (
     state_at,
     uptake,
 )
+from .filled import Gel
 from .obstacles import Obstacles, draw_contact
-from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
+from .style import COLOURS, LINE, WALL, length_unit, state_text, styled
 
 PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
 MODE_SIZE = 0.05  # largest displacement of a mode that is drawn, over the plate's shorter side
@@ -257,7 +255,7 @@ def colour_range(values: list, path: Path, field: str | None) -> tuple[float, fl
     return None if values[0] is None else (float(np.min(values)), float(np.max(values)))
 
 
-def add_colorbar(gel: "Gel", axes: list[Axes], values: list, field: str) -> None:
+def add_colorbar(gel: Gel, axes: list[Axes], values: list, field: str) -> None:
     """The colour bar of a field beside the axes, with a tip if values are beyond the colours."""
     low, high = gel.scale.vmin, gel.scale.vmax
     margin = BEYOND * (high - low)
@@ -269,58 +267,6 @@ def add_colorbar(gel: "Gel", axes: list[Axes], values: list, field: str) -> None
         (True, True): "both",
     }[tuple(beyond.tolist())]
     gel.ax.figure.colorbar(gel.cells, ax=axes, label=FIELDS[field], shrink=0.85, extend=extend)
-
-
-class Gel:
-    """The filled gel and its outline on some axes; `move` draws another state.
-
-    A field is the mean of the cells around each vertex, and linear in the triangles; it jumps
-    across the outlines of regions.
-    """
-
-    def __init__(
-        self,
-        ax: Axes,
-        cloud: Cloud,
-        vertices: Array,
-        values: Array | None,
-        limits: tuple[float, float] | Normalize | None,
-    ) -> None:
-        self.ax, self.cells = ax, None
-        self.scale = (
-            limits if isinstance(limits, Normalize) else Normalize(*(limits or (None, None)))
-        )
-        self.corners, self.triangles, self.mean = _by_region(cloud)
-        self.boundary = boundary_edges(np.asarray(cloud.triangles))
-        between = [
-            np.stack([line[:-1], line[1:]], axis=1) for line in map(loop, cloud.topology.interfaces)
-        ]
-        self.between = np.concatenate([np.zeros((0, 2), dtype=int), *between])
-        self.outline = ax.add_collection(
-            LineCollection([], colors=LINE, linewidths=0.7, capstyle="round")
-        )
-        self.interfaces = ax.add_collection(
-            LineCollection([], colors=LINE, linewidths=0.35, capstyle="round")
-        )
-        self.move(vertices, values)
-
-    def move(self, vertices: Float[Array, "v 2"], values: Float[Array, " t"] | None) -> None:
-        """Draw another state: vertices (v, 2) and triangle values (t,), None for a plain fill."""
-        if self.cells is not None:
-            self.cells.remove()
-        mesh = Triangulation(*vertices[self.corners].T, self.triangles)
-        if values is None:
-            plain = {
-                "facecolors": np.zeros(len(self.triangles)),
-                "cmap": ListedColormap([GEL]),
-                "antialiased": False,
-            }
-            self.cells = self.ax.tripcolor(mesh, rasterized=True, **plain)
-        else:
-            colours = {"cmap": "cividis", "norm": self.scale, "shading": "gouraud"}
-            self.cells = self.ax.tripcolor(mesh, self.mean @ values, rasterized=True, **colours)
-        self.outline.set_segments(vertices[self.boundary])
-        self.interfaces.set_segments(vertices[self.between])
 
 
 def _moved(plate, control, point):
@@ -346,27 +292,6 @@ def draw_frame(
     unit = length_unit(cloud)
     ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=title)
     return obstacles
-
-
-def _by_region(
-    cloud: Cloud,
-) -> tuple[Int[np.ndarray, " w"], Int[np.ndarray, "t 3"], scipy.sparse.sparray]:
-    """Vertices (w,) of the regions, separate on interfaces, and triangles (t, 3).
-
-    Vertices between two regions are there once for each. The sparse matrix (w, t) takes values on
-    triangles to the mean over the cells of the region around each vertex.
-    """
-    triangles, cells = np.asarray(cloud.triangles), np.asarray(cloud.cell_of_triangle)
-    key = cloud.topology.partition.region_of_cell[cells][:, None] * len(cloud.vertices) + triangles
-    keys, corner = np.unique(key, return_inverse=True)
-    corner = corner.reshape(triangles.shape)
-    # values are constant in a cell: one triangle stands for it
-    _, representative = np.unique(cells, return_index=True)
-    pairs = np.unique(np.stack([corner.ravel(), np.repeat(representative[cells], 3)]), axis=1)
-    touches = scipy.sparse.csr_array(
-        (np.ones(pairs.shape[1]), tuple(pairs)), shape=(len(keys), len(triangles))
-    )
-    return keys % len(cloud.vertices), corner, touches / touches.sum(axis=1)[:, None]
 
 
 def _draw_edges(ax: Axes, cloud: Cloud, vertices: Float[np.ndarray, "k v 2"]) -> None:
