@@ -6,13 +6,12 @@ These are those of the integration cells.
 from pathlib import Path as File
 from typing import Any
 
-import jax
 import numpy as np
+import scipy.sparse
 from pyevtk.hl import pointsToVTK, unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkPolygon, VtkPolyLine, VtkTriangle
 
-from .._compiled import compiled
-from .._types import Array, Float, Int
+from .._types import Float, Int
 from ..continuation import Path
 from ..discretisation import make_probe
 from ..observables import (
@@ -175,30 +174,28 @@ def point_fields(path: Path, used: Int[np.ndarray, " u"]) -> dict[str, np.ndarra
     They are those of a path's cloud.
     """
     cloud = path.model.cloud
-    probe = make_probe(path.model, cloud.vertices[used], cloud.topology.partition.vertices[used])
-    position, F, stress = map(np.asarray, _at_points(probe, path.x, cauchy_stress(path)))
-    stretches = np.linalg.svd(np.asarray(F), compute_uv=False)
+    probe = make_probe(
+        path.model, np.asarray(cloud.vertices)[used], cloud.topology.partition.vertices[used]
+    )
+    x = np.asarray(path.x)
+    position, *gradient = (
+        _at_points(probe.nodes, weights, x)
+        for weights in (probe.phi, *np.moveaxis(np.asarray(probe.dphi), 2, 0))
+    )
+    stress = _at_points(probe.nodes, probe.phi, np.asarray(cauchy_stress(path)))
+    F = np.stack(gradient, axis=3)
+    stretches = np.linalg.svd(F, compute_uv=False)
     fields = {"position": position} | {
         f"cauchy_stress_{name}": stress[..., i] for i, name in enumerate(("xx", "yy", "xy"))
     }
-    return {name: np.asarray(v) for name, v in fields.items()} | {
-        f"principal_stretch_{i + 1}": stretches[..., i] for i in range(2)
-    }
+    return fields | {f"principal_stretch_{i + 1}": stretches[..., i] for i in range(2)}
 
 
-@compiled()
-def _at_points(
-    probe: Any, x: Float[Array, "k n 2"], stress: Float[Array, "k n 3"]
-) -> tuple[Array, Array, Array]:
-    """Positions (k, u, 2), deformation gradients and stresses (k, u, 3) at a probe's points.
-
-    The gradients are (k, u, 2, 2).
-    """
-    return tuple(
-        jax.vmap(part)(field)
-        for part, field in (
-            (probe.position, x),
-            (probe.deformation_gradient, x),
-            (probe.position, stress),
-        )
-    )
+def _at_points(nodes, weights, values):
+    """Sums (k, p, d) of nodal ``values`` (k, n, d) with ``weights`` (p, a) of the ``nodes``."""
+    count, width = np.shape(nodes)
+    k, n, d = values.shape
+    sums = scipy.sparse.csr_array(
+        (np.ravel(weights), np.ravel(nodes), width * np.arange(count + 1)), shape=(count, n)
+    ) @ np.moveaxis(values, 0, 1).reshape(n, k * d)
+    return np.moveaxis(sums.reshape(count, k, d), 1, 0)
