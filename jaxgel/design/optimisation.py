@@ -11,7 +11,6 @@ import pathlib
 from typing import Any
 
 import numpy as np
-import optax
 
 from .lagrangian import Exhausted, Stuck
 from .optimisers import METHODS, MOST_DENSE, optimiser
@@ -119,7 +118,7 @@ def optimise(
             "use 'mma', 'lbfgs' or 'adam'"
         )
     run = optimiser(method, step, tolerance)
-    if isinstance(method, optax.GradientTransformation):
+    if not isinstance(method, str):
         check_transformation(method, problem.vector)
     search = Search(
         problem,

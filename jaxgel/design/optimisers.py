@@ -18,8 +18,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import optax
-import scipy.optimize
+import scipy
 
 from .._types import Array, Float
 from .lagrangian import MARGIN, PENALTY, SHORTEST, Invalid, Lagrangian, Stalled, Stuck
@@ -42,6 +41,8 @@ def optimiser(method: Any, step: float, tolerance: float) -> Callable:
 
     A GradientTransformation; ValueError for others.
     """
+    import optax  # 0.2 s, which only searches need
+
     if isinstance(method, optax.GradientTransformation):
         return functools.partial(first_order, transformation=method, step=step)
     if method == "adam":

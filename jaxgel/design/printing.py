@@ -9,7 +9,7 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
+import scipy
 
 from .._types import Array, Float
 from ..materials import PixelField, WithHoles

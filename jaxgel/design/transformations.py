@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from .._types import Array, Float
 from .lagrangian import SHORTEST, Invalid, Lagrangian, Stuck
@@ -21,6 +20,8 @@ def first_order(search: Any, *, transformation: Any, step: float) -> None:
 
     One to an invalid design is halved.
     """
+    import optax
+
     transformation, now = optax.with_extra_args_support(transformation), search.at(search.start)
     lagrangian, state = (
         Lagrangian(len(now.values) - 1),
@@ -43,6 +44,7 @@ def check_transformation(transformation: Any, vector: Float[Array, " d"]) -> Non
 
     Its update takes more than ``value``, ``grad`` and ``value_fn``.
     """
+    import optax
 
     def bowl(v):
         return jnp.sum((v - 0.5) ** 2)

@@ -12,8 +12,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from numpy.polynomial.legendre import leggauss
-from scipy.optimize import brentq, minimize_scalar
 
 from .._compiled import compiled
 from .._sizes import at_numbers
@@ -186,7 +186,7 @@ def _outline_samples(hole, outward):
     extra = []
     for i in np.flatnonzero(nearest):
         bounds = (t[i] - 1 / OUTLINE_SAMPLES, t[i] + 1 / OUTLINE_SAMPLES)
-        best = minimize_scalar(
+        best = scipy.optimize.minimize_scalar(
             lambda u, i=i: sign[i] * outward(u)[0],
             bounds=bounds,
             method="bounded",
@@ -209,7 +209,9 @@ def _crossing(outward, inside, outside):
             t = (
                 inside
                 if ends[0] >= 0
-                else brentq(lambda t, c=column: outward(t)[0, c], inside, outside, xtol=1e-15)
+                else scipy.optimize.brentq(
+                    lambda t, c=column: outward(t)[0, c], inside, outside, xtol=1e-15
+                )
             )
             found.append((abs(t - inside), t, edge))
     return min(found)[1:]

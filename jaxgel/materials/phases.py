@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from .._compiled import compiled
 from .._tracing import is_traced
@@ -184,7 +184,7 @@ class _Curve:
         # each alone: of several at once the last bit may differ (jax 0.10.1)
         at_ends = np.array([excess(u) for u in ends])
         return (
-            brentq(excess, *ends, **CLOSEST)
+            scipy.optimize.brentq(excess, *ends, **CLOSEST)
             if at_ends.prod() < 0
             else ends[np.argmin(np.abs(at_ends))]
         )
@@ -224,7 +224,7 @@ class _Curve:
         lowest, highest = slopes[::2].max(), slopes[1::2].min()
         if not work(lowest) > 0 > work(highest):
             return None
-        mu = brentq(work, lowest, highest, **CLOSEST)
+        mu = scipy.optimize.brentq(work, lowest, highest, **CLOSEST)
         return mu, *(1 + np.exp(states(mu)))
 
 

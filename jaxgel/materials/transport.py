@@ -18,8 +18,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax import lax
-from scipy.special import roots_jacobi
 
 from .._types import Array, Float, Scalar
 from .gel import network_at
@@ -99,7 +99,7 @@ def layer_uptake(
     change = along * (1.0 if axial is None else axial) * (outer - inner)
 
     def mean(exponent):
-        points, weights = roots_jacobi(POINTS, 0.0, exponent)  # on [-1, 1]
+        points, weights = scipy.special.roots_jacobi(POINTS, 0.0, exponent)  # on [-1, 1]
         at = inner + (outer - inner) * (points + 1) / 2
         values = jax.vmap(lambda normal: layer_diffusivity(normal, along, gel, axial, D))(at)
         return values @ (weights / np.sum(weights))

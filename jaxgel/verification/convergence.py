@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from .._types import Float
 
@@ -96,7 +96,7 @@ def _order(h, fine, coarse):
     def excess(p):
         return (h[2] ** p - h[1] ** p) / (h[1] ** p - h[0] ** p) - ratio
 
-    return brentq(excess, low, high) if excess(low) <= 0 <= excess(high) else np.nan
+    return scipy.optimize.brentq(excess, low, high) if excess(low) <= 0 <= excess(high) else np.nan
 
 
 def _why_not(f, fine, coarse, order, formal):

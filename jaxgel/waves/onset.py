@@ -13,7 +13,7 @@ import itertools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import brentq, minimize
+import scipy
 
 from .._deprecated import old_arguments
 from .._programs import program
@@ -209,7 +209,9 @@ class _Refined:
         """
         for later, earlier in itertools.pairwise(state.mu for state in reversed(self._states)):
             if self._lowest(k, earlier) > 0 > self._lowest(k, later):
-                return brentq(lambda mu: self._lowest(k, mu), earlier, later, xtol=TOLERANCE)
+                return scipy.optimize.brentq(
+                    lambda mu: self._lowest(k, mu), earlier, later, xtol=TOLERANCE
+                )
         raise Inadmissible(
             f"mu: the lattice is unstable at the first state, mu = {self._states[0].mu:g} kT; "
             "start lower"
@@ -256,7 +258,7 @@ class _Refined:
             )
 
         simplex = np.array([first, *(first + step * row for row in np.eye(len(first)))])
-        found = minimize(
+        found = scipy.optimize.minimize(
             value,
             first,
             method="Nelder-Mead",
