@@ -7,6 +7,7 @@ touch themselves; every other error ends the search. An interrupted search repea
 """
 
 import dataclasses
+import functools
 import json
 import pathlib
 import time
@@ -26,7 +27,7 @@ from ..equilibrium import StateNotFound, Status
 from ..geometry import check_plate
 from ..io import open_folder, read_record, write_atomically
 from ..materials import check_gel
-from ..observables import min_gap
+from ..mechanics import overlaps
 from .lagrangian import Exhausted, Invalid
 from .problem import DesignProblem, violation
 
@@ -315,10 +316,8 @@ class Evaluation:
     def gradient(self, weights: Float[Array, " c"]) -> Float[Array, " d"]:
         """Gradient (n,) of ``weights`` (1 + c,) times the values by one reverse pass."""
         first = 1 + len(self.search.of_path)
-        (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](
-            jnp.asarray(weights[first:])
-        )
-        return self.search.gradients(self.entry, self.vector, weights[:first]) + np.asarray(dry)
+        slopes = self.search.gradients(self.entry, self.vector, weights[:first])
+        return slopes + np.asarray(weights[first:]) @ self._dry_slopes
 
     def jacobian(self) -> Float[Array, "c d"]:
         """Gradients (1 + c, n) of all values, by one reverse pass for each of them.
@@ -327,8 +326,13 @@ class Evaluation:
         """
         first = 1 + len(self.search.of_path)
         rows = [self.search.gradients(self.entry, self.vector, row) for row in np.eye(first)]
+        return np.concatenate([np.array(rows), self._dry_slopes])
+
+    @functools.cached_property
+    def _dry_slopes(self):
+        """Gradients (c, n) of the constraints on the dry plate."""
         dry = np.asarray(jax.jacrev(self.search.dry_values)(jnp.asarray(self.vector)))
-        return np.concatenate([np.array(rows), dry.reshape(-1, len(self.vector))])
+        return dry.reshape(-1, len(self.vector))
 
 
 def check_path(path: Path, allow_unstable: bool = False) -> None:
@@ -350,9 +354,9 @@ def check_path(path: Path, allow_unstable: bool = False) -> None:
     if np.any(np.asarray(path.negative_pivots) > 0) and not allow_unstable:
         k = int(np.argmax(np.asarray(path.negative_pivots) > 0))
         raise Invalid(f"unstable at {name} = {float(path.value[k]):.4f}")
-    touching = np.asarray(min_gap(path)) <= 0
-    if touching.any():
-        raise Invalid(f"self-contact at {name} = {float(path.value[int(np.argmax(touching))]):.4f}")
+    for value, x in zip(path.value, np.asarray(path.x), strict=True):
+        if overlaps(x, path.model):
+            raise Invalid(f"self-contact at {name} = {float(value):.4f}")
 
 
 def check_reported(reported: dict[str, float]) -> None:
