@@ -125,19 +125,21 @@ def at_numbers(program: Callable[..., Array], owner: Any, rows: np.ndarray) -> n
 def _resize(values, *, own, shape, edge):
     values = np.asarray(values)
     for axis, (before, after) in enumerate(zip(own, shape, strict=True)):
-        first = (slice(None),) * axis
-        if before < after:
-            grown = np.zeros((*shape[:axis], after, *own[axis + 1 :]), values.dtype)
-            grown[*first, :before] = values
-            if edge:
-                grown[*first, before:] = values[*first, -1:]
-            values = grown
-        elif before > after:
+        if before > after:
+            first = (slice(None),) * axis
             rest, values = values[*first, after:], values[*first, :after]
             if edge:
                 values = values.copy()
                 values[*first, -1] += rest.sum(axis=axis)
-    return values
+    if values.shape == shape:
+        return values
+    grown = np.zeros(shape, values.dtype)
+    grown[*map(slice, values.shape)] = values
+    if edge:
+        for axis, before in enumerate(values.shape):
+            first = (slice(None),) * axis
+            grown[*first, before:] = grown[*first, before - 1 : before]
+    return grown
 
 
 def _resize_by_jax(values, *, own, shape, edge):
