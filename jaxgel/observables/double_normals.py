@@ -22,7 +22,7 @@ GEL, WALL, OPEN = range(3)
 """Kinds of the sides of an outline."""
 PERPENDICULAR = 1e-9  # cosine of a right angle to round-off
 TRIM = 1e-6  # of a line's length, left out at both ends, where it touches the outline
-BLOCK = 256  # vertices whose lines are examined together
+BLOCK = 512  # vertices whose lines are examined together
 ON_EDGE = 1e-9  # of the plate's size: distance from an edge of points on it
 
 
@@ -74,7 +74,7 @@ def shortest_double_normal(outline: Float[np.ndarray, "m 2"], kinds: Int[np.ndar
     # no line inside the plate crosses a wall, and one may lie along it
     surface = shapely.multilinestrings(sides[kinds == GEL])
     shapely.prepare(surface)
-    length, start, end, fraction = _candidates(points, kinds)
+    length, start, end, fraction = _candidates(points @ [1, 1j], kinds)
     after = (end + 1) % len(points)
     for k in np.argsort(length, kind="stable"):
         p, q = points[start[k]], (1 - fraction[k]) * points[end[k]] + fraction[k] * points[after[k]]
@@ -86,35 +86,35 @@ def shortest_double_normal(outline: Float[np.ndarray, "m 2"], kinds: Int[np.ndar
 def _candidates(points, kinds):
     """Lengths, vertices, sides and fractions (c,) of all double normals, also through gel.
 
-    Fractions are along the sides.
+    Fractions are along the sides. Points (m,) are complex numbers: conj(a) b has the component of b
+    along a unit vector a, and that to its left.
     """
-    side = np.roll(points, -1, axis=0) - points
-    length = np.linalg.norm(side, axis=1)
-    tangent = side / length[:, None]
+    side = np.roll(points, -1) - points
+    length = np.abs(side)
+    tangent = side / length
     before, after = _tangents(tangent, kinds)
-    inward, normals = _turned(tangent), (_turned(before), _turned(after))
-    is_convex = _dot(normals[0], after) >= 0  # the hole, here
+    is_convex = (before.conj() * after).imag >= 0  # the hole, here
     on_gel = (kinds == GEL) | (np.roll(kinds, 1) == GEL)
     on_surface = on_gel | (kinds == WALL) | (np.roll(kinds, 1) == WALL)
 
     def is_normal(vertex, direction):
-        """Whether directions (c, 2) lie between the normals at vertices (c,), and in the hole.
-
-        The normals of the sides there.
-        """
-        slopes = np.prod([_dot(sides[vertex], direction) for sides in (before, after)], axis=0)
-        rises = [_dot(sides[vertex], direction) for sides in normals]
+        """Whether directions (c,) lie between the normals at vertices (c,), and in the hole."""
+        one, other = (ways[vertex].conj() * direction for ways in (before, after))
         inside = np.where(
-            is_convex[vertex], np.minimum(*rises) >= -PERPENDICULAR, np.add(*rises) > 0
+            is_convex[vertex],
+            np.minimum(one.imag, other.imag) >= -PERPENDICULAR,
+            one.imag + other.imag > 0,
         )
-        return (slopes <= PERPENDICULAR**2) & inside
+        return (one.real * other.real <= PERPENDICULAR**2) & inside
+
+    def of(holds, *of_pairs):
+        return [values[holds] for values in of_pairs]
 
     found, round_off = [], PERPENDICULAR * np.max(length)
-    homogeneous = np.column_stack([points, np.ones(len(points))])
-    # heights over lines are products with (m, 3): from the middles of the sides, along them, and
-    # from the vertices, along both tangents there
+    homogeneous = np.column_stack([points.real, points.imag, np.ones(len(points))])
+    # components along directions from a foot are products with (m, 3)
     across_middles, *ahead = (
-        np.column_stack([way, -_dot(way, foot)])
+        np.column_stack([way.real, way.imag, -(way.conj() * foot).real])
         for way, foot in ((tangent, points + side / 2), (before, points), (after, points))
     )
     # vertices from which the lines start
@@ -122,7 +122,7 @@ def _candidates(points, kinds):
         from_middle = homogeneous[rows] @ across_middles.T
         start, end = _where(np.abs(from_middle) <= length / 2 + round_off)
         vertex = rows[start]
-        distance = _dot(inward[end], points[vertex] - points[end])
+        distance = (tangent[end].conj() * (points[vertex] - points[end])).imag
         fraction = np.clip(0.5 + from_middle[start, end] / length[end], 0.0, 1.0)
         holds = (
             (distance > 0)
@@ -132,72 +132,53 @@ def _candidates(points, kinds):
             & (kinds[end] != OPEN)
             & (on_gel[vertex] | (kinds[end] == GEL))
         )
-        vertex, end, distance, fraction = (
-            of_pairs[holds] for of_pairs in (vertex, end, distance, fraction)
-        )
-        holds = is_normal(vertex, -inward[end])
-        found.append((distance[holds], vertex[holds], end[holds], fraction[holds]))
+        vertex, end, distance, fraction = of(holds, vertex, end, distance, fraction)
+        holds = is_normal(vertex, -1j * tangent[end])
+        found.append(of(holds, distance, vertex, end, fraction))
 
         slopes = [direction[rows] @ homogeneous.T for direction in ahead]
         start, end = _where(slopes[0] * slopes[1] <= round_off**2)
         vertex, way = rows[start], points[end] - points[rows[start]]
-        distance = np.hypot(*way.T)
         holds = (
             (vertex < end)
-            & (distance > 0)
+            & (way != 0)
             & on_surface[vertex]
             & on_surface[end]
             & (on_gel[vertex] | on_gel[end])
         )
-        vertex, end, distance, way = (
-            vertex[holds],
-            end[holds],
-            distance[holds],
-            way[holds] / distance[holds, None],
-        )
-        holds = is_normal(vertex, way)
-        vertex, end, distance, way = (of_pairs[holds] for of_pairs in (vertex, end, distance, way))
-        holds = is_normal(end, -way)
-        found.append(
-            (distance[holds], vertex[holds], end[holds], np.zeros(np.count_nonzero(holds)))
-        )
+        vertex, end, way = of(holds, vertex, end, way)
+        distance = np.abs(way)
+        holds = is_normal(vertex, way / distance)
+        vertex, end, way, distance = of(holds, vertex, end, way, distance)
+        holds = is_normal(end, -way / distance)
+        found.append(of(holds, distance, vertex, end, np.zeros(len(vertex))))
     return [np.concatenate(parts) for parts in zip(*found, strict=True)]
 
 
 def _tangents(tangent, kinds):
-    """Tangents (m, 2) of the surface before and after each vertex.
+    """Tangents (m,) of the surface before and after each vertex.
 
     At the end of the gel's surface the one goes on as its mirror image at a wall, and along a free
     edge away from the hole. There the other one is extrapolated by one side, so that half a circle
     has a mouth, whose surface just meets the free edge at a right angle.
     """
-    kind_before, previous = np.roll(kinds, 1), np.roll(tangent, 1, axis=0)
+    kind_before, previous = np.roll(kinds, 1), np.roll(tangent, 1)
     before, after = previous.copy(), tangent.copy()
     first, last = (kinds == GEL) & (kind_before != GEL), (kinds != GEL) & (kind_before == GEL)
     before[first] = _beyond(tangent[first], previous[first], kind_before[first])
     after[last] = _beyond(previous[last], tangent[last], kinds[last])
     first, last = first & (kind_before == OPEN), last & (kinds == OPEN)
-    after[first] = 2 * tangent[first] - np.roll(tangent, -1, axis=0)[first]
-    before[last] = 2 * previous[last] - np.roll(previous, 1, axis=0)[last]
-    return tuple(way / np.linalg.norm(way, axis=1, keepdims=True) for way in (before, after))
+    after[first] = 2 * tangent[first] - np.roll(tangent, -1)[first]
+    before[last] = 2 * previous[last] - np.roll(previous, 1)[last]
+    return tuple(way / np.abs(way) for way in (before, after))
 
 
 def _beyond(gel, edge, kind):
-    """Tangents (e, 2) after the gel's surface ``gel`` at a plate's edge with tangents ``edge``.
+    """Tangents (e,) after the gel's surface at a plate's edge with tangents ``edge``.
 
-    ``gel`` are its last tangents.
+    ``gel`` are the last ones of the surface.
     """
-    return np.where((kind == WALL)[:, None], gel - 2 * _dot(gel, edge)[:, None] * edge, -edge)
-
-
-def _turned(vectors):
-    """Vectors (m, 2) turned anticlockwise by a right angle."""
-    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
-
-
-def _dot(one, other):
-    """Products (m,) of vectors (m, 2)."""
-    return one[:, 0] * other[:, 0] + one[:, 1] * other[:, 1]
+    return np.where(kind == WALL, gel - 2 * (gel.conj() * edge).real * edge, -edge)
 
 
 def _where(holds):
