@@ -1,20 +1,26 @@
 """Time of sweeps and gradients on a part of a symmetric plate beside the whole plate.
 
     python benchmarks/symmetry.py [--cases sample-1 ...] [--spacing MM] [--runs 5] [--gradient]
+        [--program]
 
 Prints, for each case and branch on its default cloud or with the given spacing: nodes, the groups
 of its states, the median seconds of 30 states to -0.9178 kT with ``symmetry="off"`` and "auto",
 taken in turn, their ratio, and how far states and energies are apart; with ``--gradient`` also the
 seconds of the area reduction of the last state with its derivatives by all holes, on the stable
-branch. Run it under ``taskset -c 0`` with ``NPROC=1`` for one thread.
+branch; with ``--program`` the same sweep inside ``jax.jit``, a function of Nv and chi, over the
+values before the symmetric branch buckles, and the host's sweep over these. Run it under
+``taskset -c 0`` with ``NPROC=1`` for one thread.
 """  # fmt: skip
 
 import argparse
 import collections
+import dataclasses
+import functools
 import statistics
 import time
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxgel
@@ -36,6 +42,7 @@ def main():
     parser.add_argument(
         "--gradient", action="store_true", help="time a value with its gradient, too"
     )
+    parser.add_argument("--program", action="store_true", help="time compiled sweeps, too")
     options = parser.parse_args()
     times = f"{'off/s':>7} {'auto/s':>7} {'ratio':>6}"
     print(
@@ -93,6 +100,39 @@ def main():
                 ),
                 flush=True,
             )
+        if options.program:
+            stable = MU[: int(np.argmax([*(part.negative_pivots > 0), True]))]
+            compiled_sweeps(model, plate.gel, stable, options.runs)
+
+
+def compiled_sweeps(model, gel, mu, runs):
+    """Prints the seconds of compiled sweeps to values ``mu``, beside the host's sweep."""
+    programs, spent = {}, {}
+    for symmetry in ("off", "auto"):
+
+        def states(numbers, symmetry=symmetry):
+            own = dataclasses.replace(gel, Nv=numbers[0], chi=numbers[1])
+            return jaxgel.sweep(jaxgel.Problem(model, own), mu, symmetry=symmetry)
+
+        numbers, begin = jnp.array([gel.Nv, gel.chi]), time.perf_counter()
+        compiled = jax.jit(states).lower(numbers).compile()
+        spent[symmetry] = time.perf_counter() - begin
+        programs[symmetry] = functools.partial(compiled, numbers)
+    (off, whole), (auto, part) = in_turn(
+        lambda symmetry: jax.block_until_ready(programs[symmetry]()), runs
+    )
+    (_, _), (host, by_host) = in_turn(
+        lambda symmetry: jaxgel.sweep(jaxgel.Problem(model, gel), mu, symmetry=symmetry), runs
+    )
+    apart = [float(np.abs(np.asarray(one.x) - by_host.x).max()) for one in (whole, part)]
+    print(
+        (
+            f"{'':10} program of {len(mu)} states, {part.symmetry[0]:17} {off:7.3f} {auto:7.3f} "
+            f"{off / auto:6.2f} {max(apart):8.1e} mm from the host's, {host:.3f} s; compiled in "
+            f"{spent['off']:.0f} and {spent['auto']:.0f} s"
+        ),
+        flush=True,
+    )
 
 
 def in_turn(function, runs):

@@ -23,6 +23,7 @@ from ..equilibrium import Status
 from ..geometry import check_plate
 from ..mechanics import Problem
 from ..observables import QUANTITIES, is_flat
+from ..symmetry import NAMES
 from .case import Case
 from .parameter_map import MapStudy
 from .response import RESPONSES, problem_at
@@ -31,6 +32,7 @@ DEVICES = ("cpu", "gpu", "auto")
 ON_CPU, MOST = 16, 256  # points of a batch on each device: of a CPU, and of others at most
 SHARE, COPIES = 0.8, 6  # of a device's memory that is used; arrays like those of a problem
 COLUMNS = ("x", "pressure", *SCALARS)
+GROUPS = tuple(NAMES.values())  # a program gives the number of a state's symmetry group
 Device = Any  # of JAX, whose own type is no class for type checkers
 
 
@@ -181,6 +183,7 @@ class Batches:
             problem = problem_at(study, point, self._model)
             path = sweep_by_options(problem, study.case.sweep, values=values)
             columns = {name: getattr(path, name) for name in COLUMNS}
+            columns["symmetry"] = jnp.array([GROUPS.index(name) for name in path.symmetry])
             return [QUANTITIES[name].function(path)[-1] for name in self._names], columns
 
         if not self._names:
@@ -205,20 +208,19 @@ class Batches:
 
 def _path(problem: Problem, columns: dict[str, Any]) -> Path:
     """The `Path` of a sheet whose sweep has reached its end."""
-    count = len(columns["x"])
+    count, symmetry = len(columns["x"]), tuple(GROUPS[k] for k in columns["symmetry"])
     return Path(
         problem=problem.replace(operators=None),
         derivative=np.full(count, int(Status.NOT_EXAMINED)),
-        symmetry=("C1",) * count,
         stop_text=Status.CONVERGED.text,
-        **columns,
+        **(columns | {"symmetry": symmetry}),
     )
 
 
 def _known(problem: Problem) -> list[str]:
     """Those of ``RESPONSES`` that have values on the cloud of a ``problem``."""
     x = 1.1 * np.asarray(problem.model.nodes) @ np.array([[1.0, 0.1], [-0.1, 1.0]])
-    columns = {name: np.zeros(1, int) for name in SCALARS}
+    columns = {name: np.zeros(1, int) for name in (*SCALARS, "symmetry")}
     path = _path(problem, columns | {"x": x[None], "pressure": np.zeros((1, problem.lengths["g"]))})
     return [name for name in RESPONSES if np.isfinite(QUANTITIES[name].of(path)[-1])]
 

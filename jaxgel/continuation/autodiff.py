@@ -11,17 +11,24 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from .._compiled import tangents as tangents_of
+from .._primitives import differentiated_value
 from .._programs import fitted
 from .._tracing import is_traced
 from ..controls import check_values
 from ..equilibrium import Status, no_tangents, state_tangents
 from ..linalg import RECENT_FACTORS
 from ..mechanics import Problem, shared_tangents, state_pressure, total_energy, touching_tangents
+from ..symmetry import NAMES
 from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path
 from .steps import Adaptive
-from .traced import check_for_program, states_in_program
+from .traced import (
+    SymmetricPlate,
+    check_for_program,
+    pattern_in_program,
+    states_in_program,
+)
 from .traced_search import RESIDUAL, TracedSearch, padded_columns
 
 # what is a function of the states: its axes
@@ -67,18 +74,23 @@ def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
         (problem.replace(operators=None), given),
         dataclasses.replace(options, eigenvalues=True),
     )
-    search, floats = TracedSearch.of(inputs, (ends, options), INSIDE_JIT)
+    concrete, own = jax.tree.map(differentiated_value, inputs), None
+    if is_traced(concrete) and options.symmetry == "auto":
+        own = SymmetricPlate.of(concrete[0])
+    search, floats = TracedSearch.of(inputs, (ends, options, own), INSIDE_JIT)
     x, report = _states(search, floats)
     value = report["value"] if ends else given
-    if not search.found:  # in a program what was not reached has the last state in its place
+    found = search.found
+    if not found:  # in a program what was not reached has the last state in its place
         ok = report["status"] == Status.CONVERGED
         report |= {
             name: jnp.where(ok.reshape(-1, *[1] * (report[name].ndim - 1)), report[name], jnp.nan)
             for name in OF_STATES
         }
         x = jnp.where(ok[:, None, None], x, jnp.nan)
+        found = {"symmetry": (NAMES[own.group if own else ()],) * len(value)}
     report = {name: column for name, column in report.items() if name not in ("operators", "value")}
-    return Path(problem=problem, value=value, x=x, **report, **search.found)
+    return Path(problem=problem, value=value, x=x, **report, **found)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -89,10 +101,10 @@ def _states(search, floats):
     model.
     """
     problem, values = inputs = search.inputs(floats)
-    ends, options = search.options
+    ends, options, own = search.options
     if is_traced(inputs):
         check_for_program(options, chosen=ends is not None)
-        return states_in_program(problem, values, options.newton)
+        return states_in_program(problem, values, options.newton, own)
     control = problem.control
     values = check_values(ends.values if ends else np.asarray(values), control.name, control.unit)
     check_sweep(problem, values)
@@ -124,7 +136,7 @@ def _states_jvp(search, primals, tangents):
     if not in_program:
         warn_of_ill_posed(report, problem.control.name)
     problem_dot, values_dot = search.tangents(tangents[0])
-    ends, _ = search.options
+    ends, _, own = search.options
     if ends or in_program:
         values = report["value"]
         values_dot = jnp.zeros_like(values) if ends else values_dot
@@ -141,7 +153,7 @@ def _states_jvp(search, primals, tangents):
         shared,
         shared_dot,
         values_dot,
-        in_program=in_program,
+        pattern=pattern_in_program(problem, own) if in_program else None,
     )
     found = tuple(fitted(report[name], axes, shared.lengths) for name, axes in OF_STATES.items())
     leaves, structure = jax.tree.flatten((fitted(x, "kn", shared.lengths), shared, values))

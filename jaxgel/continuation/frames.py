@@ -197,18 +197,20 @@ class RegionFrame(Frame):
         )
 
 
-class Frames:
-    """The frames of a problem, one for each group that a state of it may have.
+def group_of_sweep(problem: Problem) -> tuple[str, ...]:
+    """The symmetries that a sweep of a problem uses.
 
-    No symmetry is used with obstacles, or if a control moves edges or loads.
+    None with obstacles, or if a control moves edges or loads.
     """
+    changes, obstacles = problem.changes, problem.model.cloud.plate.obstacles
+    return () if changes.edges or changes.loads or obstacles else symmetries_of(problem)
+
+
+class Frames:
+    """The frames of a problem, one for each group that a state of it may have."""
 
     def __init__(self, problem: Problem, *, symmetry: bool) -> None:
-        broken = (
-            problem.changes.edges or problem.changes.loads or problem.model.cloud.plate.obstacles
-        )
-        own = symmetry and not broken
-        self.problem, self.group = problem, symmetries_of(problem) if own else ()
+        self.problem, self.group = problem, group_of_sweep(problem) if symmetry else ()
         self._known: dict[tuple[str, ...], Frame] = {}
 
     def of(self, group: tuple[str, ...]) -> Frame:

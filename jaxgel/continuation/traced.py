@@ -1,15 +1,19 @@
 """A sweep as one compiled program for ``jax.jit`` and ``jax.vmap``: stable, at given values.
 
 It follows the branch that continues the dry state for as long as its tangent is positive definite.
-A sheet that loses stability, whose outlines touch or whose Newton's method fails has nan from there
-on, and the `Status` that says why; in a batch the others go on.
+A plate that is known to be symmetric when the program is made is solved on a fundamental region,
+and the tangent's other blocks are factorised at the given values. A sheet that loses stability,
+whose outlines touch or whose Newton's method fails has nan from there on, and the `Status` that
+says why; in a batch the others go on.
 """
 
+import dataclasses
 import functools
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import scipy.sparse as sp
 from jax import lax
 
 from .._programs import fitted
@@ -23,12 +27,43 @@ from ..equilibrium import (
     first_iterate,
     solve_traced,
 )
-from ..linalg import elimination_of
-from ..mechanics import Problem, pressure_change, scatter, touches_in_program
+from ..linalg import BlockPattern, Pattern, elimination_of, is_definite
+from ..mechanics import (
+    Problem,
+    pressure_change,
+    restrict,
+    scatter,
+    tangent_blocks,
+    touches_in_program,
+    with_free_values,
+)
+from ..symmetry import bases, blocks_of_plate, region, spread
 from .follow import Following
+from .frames import group_of_sweep
 
 HISTORY = 4  # states from which the next one is predicted
 LEAST_STEP = 1 / 64  # of the distance between two values: a shorter step is not tried
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SymmetricPlate:
+    """What is known of a symmetric plate when a program is made; hashed by identity."""
+
+    group: tuple[str, ...]
+    """The symmetries that its states have."""
+    spread: sp.csr_matrix
+    """See `symmetry.spread`."""
+
+    @classmethod
+    def of(cls, problem: Problem) -> "SymmetricPlate | None":
+        """That of a problem, some of whose numbers are traced; None if it may have no symmetry."""
+        group = group_of_sweep(problem)
+        return cls(group, spread(problem.model, group)) if group else None
+
+
+def pattern_in_program(problem: Problem, plate: SymmetricPlate | None) -> Pattern | BlockPattern:
+    """Pattern of the tangents of the whole plate, of their blocks if it is symmetric."""
+    return blocks_of_plate(problem.model.lists, plate.group) if plate else problem.pattern
 
 
 class _March(NamedTuple):
@@ -80,15 +115,21 @@ def check_for_program(options: Following, *, chosen: bool) -> None:
 
 
 def states_in_program(
-    problem: Problem, values: Float[Array, " k"], newton: Newton
+    problem: Problem, values: Float[Array, " k"], newton: Newton, plate: SymmetricPlate | None
 ) -> tuple[Array, dict[str, Any]]:
     """Equilibria (k, n, 2) at ``values`` of the control and the columns of their `Path`, a dict.
 
     See the module. What is not reached has the last state, and its value of the control, in its
     place, so that derivatives are finite.
     """
-    problem = problem.prepared
-    leaves, structure = jax.tree.flatten((problem.shared, elimination_of(problem.pattern), values))
+    whole, others = problem.prepared, []
+    if plate is None:
+        problem = whole
+    else:
+        problem = region(problem, plate.group).problem
+        others = [basis.pattern for basis in bases(whole.model.lists, plate.group)[1:]]
+    eliminations = [elimination_of(pattern) for pattern in (problem.pattern, *others)]
+    leaves, structure = jax.tree.flatten((problem.shared, eliminations, values))
 
     def states(*leaves):
         return _states(
@@ -102,15 +143,24 @@ def states_in_program(
         states = jax.custom_batching.sequential_vmap(states)
     # index arrays as constants would be folded, for minutes
     columns = states(*lax.optimization_barrier(leaves))
+    pressure = fitted(columns["pressure"], "kg", problem.lengths)
     columns |= {
-        "pressure": fitted(columns["pressure"], "kg", problem.lengths),
-        "operators": problem.operators,
+        "pressure": pressure if plate is None else _of_plate(pressure, plate.spread),
+        "operators": whole.operators,
     }
     return fitted(columns.pop("x"), "kn", problem.lengths), columns
 
 
-def _states(newton, touching, problem, elimination, values):
+def _of_plate(pressure, spread):
+    """Pressures (k, g) of all volume groups of a plate, of those of its region (k, r)."""
+    entries = spread.tocoo()
+    row, column, share = lax.optimization_barrier((entries.row, entries.col, entries.data))
+    return jnp.zeros((len(pressure), spread.shape[0])).at[:, row].add(share * pressure[:, column])
+
+
+def _states(newton, touching, problem, eliminations, values):
     """The columns of a path, in the sizes of the shared equations."""
+    elimination, *others = eliminations
     x, pressure = dry_state(problem, values[0])
     start = _March(
         values=jnp.full(HISTORY, values[0]),
@@ -130,17 +180,19 @@ def _states(newton, touching, problem, elimination, values):
 
     attempt = functools.partial(_attempt, problem, touching, elimination, newton)
 
-    def to_value(march: _March, value: Float[Array, ""]) -> tuple[_March, dict[str, Any]]:
-        distance = jnp.abs(value - march.values[0])
-        march = march._replace(
+    def to_value(before: _March, value: Float[Array, ""]) -> tuple[_March, dict[str, Any]]:
+        distance = jnp.abs(value - before.values[0])
+        march = before._replace(
             step=distance,
             least=LEAST_STEP * distance,
             iterations=jnp.zeros((), int),
-            reached=march.status != Status.CONVERGED,
+            reached=before.status != Status.CONVERGED,
         )
         march = lax.while_loop(
             lambda march: ~march.reached, lambda march: attempt(march, value), march
         )
+        if others:
+            march = _if_definite(problem, others, march, before)
         ok, reached = march.status == Status.CONVERGED, march.values[0]
         column = {
             "x": march.x[0],
@@ -159,12 +211,30 @@ def _states(newton, touching, problem, elimination, values):
     return columns | {"lowest_eigenvalue": jnp.full(values.shape, jnp.nan)}
 
 
+def _if_definite(problem, eliminations, march, before):
+    """The march if the blocks of its tangent are definite; else that ``before``, at its end."""
+
+    def definite():
+        now, _ = problem.at(march.values[0])
+        pairs = tangent_blocks(now, march.x[0], march.pressure[0], march.found.linearisation)
+        return jnp.all(jnp.stack([is_definite(one.cholesky(pairs)) for one in eliminations]))
+
+    converged = march.status == Status.CONVERGED
+    lost = converged & ~lax.cond(converged, definite, lambda: jnp.ones((), bool))
+    kept = {
+        name: jnp.where(lost, getattr(before, name), getattr(march, name))
+        for name in ("values", "x", "pressure", "residual", "energy")
+    }
+    return march._replace(status=jnp.where(lost, int(Status.LOST_STABILITY), march.status), **kept)
+
+
 def _attempt(problem, touching, elimination, newton, march, value):
     """One step towards ``value``: the whole way, or what is left of it after steps that failed."""
     is_first, last = march.count == 0, march.values[0]
     whole = is_first | (march.step >= jnp.abs(value - last))
     at = jnp.where(whole, value, last + jnp.sign(value - last) * march.step)
     x, pressure = _predicted(march, at)
+    x = with_free_values(restrict(x, problem.free), problem.dry_positions(at), problem.free)
     has_factor = ~is_first & (march.found.status == Status.CONVERGED)
     found = solve_traced(problem, elimination, at, x, pressure, march.found, has_factor, newton)
     converged = found.status == Status.CONVERGED

@@ -20,6 +20,7 @@ from .._programs import fitted
 from .._sizes import padded, rung
 from .._tracing import is_traced
 from .._types import Array, Float
+from ..linalg import BlockPattern, Pattern
 from ..mechanics import Equations, Problem, gather, has_pairs, residual, total_energy
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
@@ -38,15 +39,15 @@ def state_tangents(
     shared_dot: Equations,
     values_dot: Float[Array, " k"],
     *,
-    in_program: bool = False,
+    pattern: Pattern | BlockPattern | None = None,
 ) -> Float[Array, "k m 2"]:
     """Tangents of the equilibria ``x`` with ``pressure`` at ``values`` of the control.
 
     They belong to tangents of its `shared_tangents` and of the values. They are in the sizes of the
     ``shared`` equations. Constrained degrees of freedom move with the nodes of the dry plate, and
     as a control moves the edges. Operators need no tangents: they follow from the model. nan if a
-    tangent is singular, and ``in_program``, that is inside ``jax.jit``, if it is not positive
-    definite.
+    tangent is singular, and inside ``jax.jit``, where the tangents' ``pattern`` is needed, if it is
+    not positive definite.
     """
     shared, dots = (
         q.replace(model=_without_observation_points(q.model)) for q in (shared, shared_dot)
@@ -58,11 +59,10 @@ def state_tangents(
     )
     at = fitted(x, "kn", shared.lengths), fitted(pressure, "kg", shared.lengths), values
     motion, rhs = changes.bind(values_dot, *map_.floats(dots), *at, *leaves, map_=map_)
-    pattern = problem.pattern if in_program else None
     states = (
-        (*at, shared.replace(operators=problem.operators))
-        if in_program
-        else (x, pressure, values, problem)
+        (x, pressure, values, problem)
+        if pattern is None
+        else (*at, shared.replace(operators=problem.operators))
     )
     leaves, structure = jax.tree.flatten(states)
     correction = solutions.bind(

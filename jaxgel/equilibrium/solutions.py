@@ -16,7 +16,13 @@ from .._compiled import tangents as tangents_of
 from .._primitives import primitive
 from .._threads import few_threads
 from ..discretisation import Body
-from ..linalg import RECENT_FACTORS, SingularTangent, elimination_of
+from ..linalg import (
+    RECENT_FACTORS,
+    BlockPattern,
+    SingularTangent,
+    block_elimination_of,
+    elimination_of,
+)
 from ..mechanics import (
     factorised_tangent,
     gather,
@@ -118,8 +124,9 @@ def _factor(problem, x, pressure, value):
 def _solved_in_program(rhs, *leaves, structure, pattern):
     """The same inside a compiled program, for positive definite tangents; nan if one is not."""
     x, pressure, values, shared = jax.tree.unflatten(structure, leaves)
-    elimination = lax.optimization_barrier(elimination_of(pattern))
-    size = len(elimination.order)
+    made = block_elimination_of if isinstance(pattern, BlockPattern) else elimination_of
+    elimination = lax.optimization_barrier(made(pattern))
+    size = elimination.size
 
     def of_state(state):
         rhs, x, pressure, value = state
@@ -167,5 +174,6 @@ solutions = primitive(
 
 They are like the right-hand sides; the states are described by the other arguments: the leaves of
 (x (k, n, 2), pressure (k, g), values (k,) of the control, `Problem`) with the tree ``structure``.
-In a program the last is its shared form, and the ``pattern`` that of its tangents; else it is None.
+In a program the last is its shared form, and the ``pattern`` that of its tangents or of their
+blocks; else it is None.
 """

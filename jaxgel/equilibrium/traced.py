@@ -106,7 +106,7 @@ def solve_traced(
 
         def corrected():
             rhs = condensed_rhs(now, linearisation, there)
-            size = len(elimination.order)
+            size = elimination.size
             solution = jnp.zeros(rhs.shape).at[:size].set(elimination.solve(factors, rhs[:size]))
             dx = scatter(solution, now.free)
             return at.x + dx, at.pressure + pressure_step(dx, linearisation, there, now.model)

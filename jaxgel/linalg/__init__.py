@@ -12,7 +12,15 @@ from .eigen import (
     network_matrix,
     rayleigh_ritz,
 )
-from .elimination import Elimination, Factors, elimination_of, is_definite
+from .elimination import (
+    BlockElimination,
+    BlockPattern,
+    Elimination,
+    Factors,
+    block_elimination_of,
+    elimination_of,
+    is_definite,
+)
 from .factors import Bordered, Factor, SingularTangent, columnwise, factor
 from .kept_factors import RECENT_FACTORS, FactorCache
 from .multifrontal import factorise
@@ -20,7 +28,9 @@ from .pattern import Pattern, analyse
 
 __all__ = [
     "RECENT_FACTORS",
+    "BlockElimination",
     "BlockFactor",
+    "BlockPattern",
     "Bordered",
     "Diagonal",
     "Elimination",
@@ -31,6 +41,7 @@ __all__ = [
     "Pattern",
     "SingularTangent",
     "analyse",
+    "block_elimination_of",
     "columnwise",
     "dissect",
     "elimination_of",

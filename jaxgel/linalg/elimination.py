@@ -10,12 +10,15 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 from jax import lax
 
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
 from .pattern import Pattern
 
+Entries = tuple[Int[Array, " _"], Int[Array, " _"], Float[Array, " _"]]
+"""Rows, columns and values of a sparse matrix."""
 Factors = tuple[tuple[Float[Array, "..."], Float[Array, "..."]], ...]
 """Per front the corner L (k, k) and block B (m, k): the matrix is sum [L; B] [L; B]^T.
 
@@ -58,12 +61,17 @@ class Elimination:
     """Unknown of each rank."""
     fronts: tuple[Columns, ...]
     """The fronts, children before parents; ranks of their pivots follow each other."""
-    joined: tuple[Int[Array, " _"], Int[Array, " _"], Float[Array, " _"]] | None
-    """Rows, columns and values of ``Pattern.joined``."""
+    joined: Entries | None
+    """The matrix ``Pattern.joined``."""
     n_pairs: int
     """Number of node pairs whose blocks are given."""
     n_entries: int
     """Number of entries that the fronts are made from."""
+
+    @property
+    def size(self) -> int:
+        """Number f of unknowns."""
+        return len(self.order)
 
     def cholesky(self, pairs: Float[Array, "p 2 2"]) -> Factors:
         """`Factors` of the matrix of the pair blocks (p, 2, 2); nan if not positive definite."""
@@ -97,6 +105,44 @@ class Elimination:
         for pivots, below, L, B in reversed(steps):
             y = y.at[pivots].set(_backward(L, y[pivots] - y[below] @ B))
         return jnp.zeros(rhs.shape).at[self.order].set(y)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BlockPattern:
+    """The blocks of matrices that are block diagonal in another basis; hashed by identity."""
+
+    fields: tuple[tuple[sp.csr_matrix, ...], ...]
+    """For every block, per copy, the basis (f, b) of its coordinates."""
+    patterns: tuple[Pattern, ...]
+    """Where the entries of the matrix go in every block."""
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass, data_fields=["fields", "blocks"], meta_fields=["size"]
+)
+@dataclasses.dataclass(frozen=True, eq=False)
+class BlockElimination:
+    """How matrices of one `BlockPattern` are factorised; a pytree of index arrays."""
+
+    fields: tuple[tuple[Entries, ...], ...]
+    """For every block, per copy, the basis (f, b)."""
+    blocks: tuple[Elimination, ...]
+    """That of every block."""
+    size: int
+    """Number f of unknowns."""
+
+    def cholesky(self, pairs: Float[Array, "p 2 2"]) -> tuple[Factors, ...]:
+        """`Factors` of the blocks of a matrix; nan if not positive definite."""
+        return tuple(block.cholesky(pairs) for block in self.blocks)
+
+    def solve(self, factors: tuple[Factors, ...], rhs: Float[Array, " f"]) -> Float[Array, " f"]:
+        """Solution (f,) for the right-hand side, without refinement."""
+        solution = jnp.zeros(rhs.shape)
+        for copies, block, made in zip(self.fields, self.blocks, factors, strict=True):
+            for row, column, value in copies:
+                part = jnp.zeros(block.size).at[column].add(value * rhs[row])
+                solution = solution.at[row].add(value * block.solve(made, part)[column])
+        return solution
 
 
 def is_definite(factors: Factors) -> Bool[Array, ""]:
@@ -134,10 +180,26 @@ def elimination_of(pattern: Pattern) -> Elimination:
     tree, joined = pattern.tree, pattern.joined
     n_entries = 4 * pattern.n_pairs if joined is None else joined.shape[0]
     fronts = tuple(_columns(front, tree.fronts, n_entries) for front in tree.fronts)
-    if joined is not None:
-        entries = joined.tocoo()
-        joined = entries.row, entries.col, entries.data
-    return Elimination(tree.order, fronts, joined, pattern.n_pairs, n_entries)
+    return Elimination(
+        tree.order,
+        fronts,
+        None if joined is None else _entries(joined),
+        pattern.n_pairs,
+        n_entries,
+    )
+
+
+@once_per_owner
+def block_elimination_of(pattern: BlockPattern) -> BlockElimination:
+    """The `BlockElimination` of a ``BlockPattern``, of NumPy arrays."""
+    fields = tuple(tuple(map(_entries, copies)) for copies in pattern.fields)
+    size = pattern.fields[0][0].shape[0]
+    return BlockElimination(fields, tuple(map(elimination_of, pattern.patterns)), size)
+
+
+def _entries(matrix):
+    matrix = matrix.tocoo()
+    return matrix.row, matrix.col, matrix.data
 
 
 def _columns(front, fronts, n_entries):

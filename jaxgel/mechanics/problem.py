@@ -68,9 +68,7 @@ class Problem(Equations):
         """
         check_model(model, gel)
         check_is_control(control)
-        gel, control = jax.tree.map(
-            lambda v: jnp.asarray(v, dtype=float), (localised(model, gel), control)
-        )
+        gel, control = jax.tree.map(_as_float, (localised(model, gel), control))
         if contact_range is not None and not is_traced(contact_range) and not contact_range > 0:
             raise ValueError(
                 f"contact_range: {contact_range!r} is not accepted; give a length > 0 in mm"
@@ -80,11 +78,7 @@ class Problem(Equations):
             if contact
             else dataclasses.replace(model, contact=None)
         )
-        loads = (
-            jax.device_put(np.zeros((model.n_nodes, 2)))
-            if loads is None
-            else jnp.asarray(loads, dtype=float)
-        )
+        loads = _as_float(np.zeros((model.n_nodes, 2)) if loads is None else loads)
         if loads.shape != (model.n_nodes, 2):
             raise ValueError(
                 f"loads: have the shape {loads.shape}, they must have that of the nodes, "
@@ -197,6 +191,14 @@ class Problem(Equations):
     def pattern(self) -> Pattern:
         """Pattern of the tangent."""
         return tangent_pattern(self.model.lists, couplings(self.model))
+
+
+def _as_float(number):
+    """An array of a number or of several; what is not traced stays a number inside ``jax.jit``."""
+    if is_traced(number):
+        return jnp.asarray(number, dtype=float)
+    with jax.ensure_compile_time_eval():
+        return jnp.asarray(number, dtype=float)
 
 
 def _shared(problem, body, constraints):

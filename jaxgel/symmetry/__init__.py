@@ -12,7 +12,7 @@ from .groups import (
     symmetries_of_state,
 )
 from .irreducible import Representation, representation_of, representations
-from .regions import Basis, Region, bases, region
+from .regions import Basis, Region, bases, blocks_of_plate, region, spread
 
 __all__ = [
     "IDENTITY",
@@ -22,11 +22,13 @@ __all__ = [
     "Region",
     "Representation",
     "bases",
+    "blocks_of_plate",
     "characters",
     "images",
     "region",
     "representation_of",
     "representations",
+    "spread",
     "symmetries_of",
     "symmetries_of_field",
     "symmetries_of_state",

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
+from .._tracing import is_traced
 from .._types import Array, Float, Int
 from ..cloud import Topology
 from ..discretisation import Connectivity, Model
@@ -66,10 +67,12 @@ class Images:
 def symmetries_of(problem: Problem) -> tuple[str, ...]:
     """Group of a problem: symmetries of plate, cloud, gel and loads, to round-off.
 
-    None if only nearly.
+    None if only nearly, or if places, loads or fields are traced, whose numbers are not known.
     """
     found = images(problem.model.lists)
-    if not found or not _is_isotropic(problem.gel):
+    blocks = [(block.position, block.weight) for block in problem.model.blocks]
+    known = not is_traced(problem.model.nodes, blocks, problem.loads, _fields(problem.gel))
+    if not found or not known or not _is_isotropic(problem.gel):
         return ()
     return _closed(tuple(name for name, image in found.items() if _keeps(image, problem)))
 
@@ -167,7 +170,7 @@ def characters(modes: Float[np.ndarray, "m n 2"], model: Model) -> dict[str, flo
 def _keeps(image, problem):
     """Whether a symmetry keeps nodes, weighted quadrature points, gel parameters and loads."""
     model, tolerance = problem.model, EXACT * problem.model.cloud.spacing
-    nodes, loads = np.asarray(model.cloud.nodes), np.asarray(problem.loads)
+    nodes, loads = np.asarray(model.nodes), np.asarray(problem.loads)
     held, there = (
         free_dofs(model.lists.topology).held,
         np.where(image.dofs < 0, ~image.dofs, image.dofs),
@@ -176,7 +179,6 @@ def _keeps(image, problem):
         _by_point(model.lists, [getattr(block, name) for block in model.blocks])
         for name in ("position", "weight")
     )
-    fields = [part for part in jax.tree.leaves(problem.gel, is_leaf=_is_local) if _is_local(part)]
     return (
         np.abs(nodes[image.nodes] - nodes @ image.matrix.T).max() < tolerance
         and np.array_equal(held[there], held)  # of a cell that is periodic one way a corner is held
@@ -187,7 +189,7 @@ def _keeps(image, problem):
         )
         and all(
             np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0)
-            for values in (_by_point(model.lists, f.points) for f in fields)
+            for values in (_by_point(model.lists, f.points) for f in _fields(problem.gel))
         )
     )
 
@@ -203,6 +205,11 @@ def _by_point(
     return values
 
 
+def _fields(gel):
+    """The parameters of a gel that differ from place to place."""
+    return [part for part in jax.tree.leaves(gel, is_leaf=_is_local) if _is_local(part)]
+
+
 def _is_local(part):
     return isinstance(part, LocalValues)
 
@@ -210,19 +217,26 @@ def _is_local(part):
 def _is_isotropic(gel: LocalGel) -> bool:
     """Whether the network's energy is invariant under rotations and mirrors of the deformation.
 
-    It is tried at a few deformations and both ends of each field.
+    It is tried at a few deformations and both ends of each field; unknown if they are traced.
     """
     if gel.network is neo_hookean:
         return True
-    some = [
-        jax.tree.map(
-            lambda part, at=at: at(part.groups) if _is_local(part) else part, gel, is_leaf=_is_local
-        )
-        for at in (jnp.min, jnp.max)
-    ]
+    if is_traced(gel):
+        return False
     F = np.array([[[1.31, 0.23], [-0.11, 1.17]], [[1.05, -0.34], [0.21, 1.43]]])
-    energies = [
-        [float(gel.network(jnp.asarray(M @ one @ M.T), at)) for one in F for at in some]
-        for M in ([np.eye(2), *(np.array(matrix, dtype=float) for matrix in SYMMETRIES.values())])
-    ]
+    with jax.ensure_compile_time_eval():  # numbers, also inside jit
+        some = [
+            jax.tree.map(
+                lambda part, at=at: at(part.groups) if _is_local(part) else part,
+                gel,
+                is_leaf=_is_local,
+            )
+            for at in (jnp.min, jnp.max)
+        ]
+        energies = [
+            [float(gel.network(jnp.asarray(M @ one @ M.T), at)) for one in F for at in some]
+            for M in (
+                [np.eye(2), *(np.array(matrix, dtype=float) for matrix in SYMMETRIES.values())]
+            )
+        ]
     return bool(np.allclose(energies, energies[0], rtol=1e-12, atol=0.0))

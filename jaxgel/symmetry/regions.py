@@ -13,17 +13,19 @@ so that all blocks come from the tangent of the region's patches alone.
 """
 
 import dataclasses
+import functools
 
 import jax
 import numpy as np
 import scipy.sparse as sp
 
 from .._memo import once_per_owner
+from .._sizes import taken
 from .._types import Array, Float, Int
 from ..discretisation import Connectivity, Model, PatchBlock, numbered
-from ..linalg import Pattern, analyse
+from ..linalg import BlockPattern, Pattern, analyse
 from ..materials import LocalValues, with_parameters
-from ..mechanics import Couplings, Free, Problem, all_pairs, constraints_of
+from ..mechanics import Couplings, Free, Problem, all_pairs, constraints_of, node_pairs
 from .fields import TOWARDS, turned, turned_fields, unknowns_of
 from .groups import IDENTITY, images
 from .irreducible import Representation, representations
@@ -56,19 +58,24 @@ class Region:
     """The region's problem: nodal fields of the whole plate, pressures of the region's patches."""
     own: Int[np.ndarray, " r"]
     """The volume groups of the plate that are the region's."""
-    spread: sp.csr_matrix
-    """The matrix (g, r) that takes the pressures of the region to those of the plate."""
+    plate: Model
+    """The model of the whole plate."""
+
+    @functools.cached_property
+    def spread(self) -> sp.csr_matrix:
+        """The matrix (g, r) that takes the pressures of the region to those of the plate."""
+        return spread(self.plate, self.group)
 
 
 def region(problem: Problem, group: tuple[str, ...]) -> Region:
-    """`Region` of a ``problem`` that has a ``group``."""
+    """`Region` of a ``problem`` that has a ``group``; its numbers may be traced."""
     model, lists = problem.model, problem.model.lists
     chosen, sizes = representatives(lists, group)
-    taken = [
-        jax.tree.map(lambda v, own=own: np.asarray(v)[own], block)
+    parts = [
+        jax.tree.map(lambda v, own=own: taken(v, own), block)
         for block, own in zip(model.blocks, chosen, strict=True)
     ]
-    blocks = [counted(block, size) for block, size in zip(taken, sizes, strict=True)]
+    blocks = [counted(block, size) for block, size in zip(parts, sizes, strict=True)]
     real = [len(rows) > 0 for rows in chosen]
     own = own_groups(model.blocks, chosen)
 
@@ -76,24 +83,24 @@ def region(problem: Problem, group: tuple[str, ...]) -> Region:
         if not isinstance(parameter, LocalValues):
             return parameter
         points = [
-            np.asarray(values)[rows]
+            taken(values, rows)
             for values, rows in zip(parameter.points, chosen, strict=True)
             if len(rows)
         ]
-        return LocalValues(tuple(points), np.asarray(parameter.groups)[own], parameter.outline)
+        return LocalValues(tuple(points), taken(parameter.groups, own), parameter.outline)
 
     lists = _region_lists(lists, group)
     blocks = numbered(
         jax.device_put([block for block, some in zip(blocks, real, strict=True) if some])
     )
     model = dataclasses.replace(
-        model, blocks=blocks, carries=np.asarray(model.carries)[own], lists=lists
+        model, blocks=blocks, carries=taken(model.carries, own), lists=lists
     )
     constraints = constraints_of(lists, problem.changes.edges)
     reduced = problem.replace(
         model=model, gel=with_parameters(problem.gel, part), operators=None, constraints=constraints
     ).prepared
-    return Region(group, reduced, own, _spread(problem.model, group, own))
+    return Region(group, reduced, own, problem.model)
 
 
 def counted(block: PatchBlock, sizes: Float[Array, " r"]) -> PatchBlock:
@@ -189,6 +196,20 @@ def bases(
     return tuple(found)
 
 
+@once_per_owner
+def blocks_of_plate(lists: Connectivity, group: tuple[str, ...]) -> BlockPattern:
+    """The blocks of the whole plate's tangents at states with a ``group``, without contact."""
+    points = lists.topology.partition.vertices[lists.topology.node_vertices]
+    own = bases(lists, group)
+    return BlockPattern(
+        tuple(basis.fields for basis in own),
+        tuple(
+            analyse(node_pairs(lists)[0], points, basis.unknowns.masters, [basis.unknowns.matrix])
+            for basis in own
+        ),
+    )
+
+
 # --- pressures ------------------------------------------------------------------------------------
 
 
@@ -201,9 +222,10 @@ def own_groups(blocks: tuple[PatchBlock, ...], chosen: list) -> Int[np.ndarray, 
     return np.concatenate(found)
 
 
-def _spread(model, group, own):
-    """Matrix (g, r) from pressures of the region's groups ``own`` (r,) to those of all groups."""
+def spread(model: Model, group: tuple[str, ...]) -> sp.csr_matrix:
+    """Matrix (g, r) from pressures of the region's groups to those of all groups of a plate."""
     _, to = patch_images(model.lists, group)
+    own = own_groups(model.blocks, representatives(model.lists, group)[0])
     column = np.full(sum(len(block.patches) * block.n_groups for block in model.blocks), -1)
     column[own] = np.arange(len(own))
     rows, columns, values, start = [], [], [], 0

@@ -3,6 +3,8 @@
 The states are the same, or nan with a status.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -61,6 +63,78 @@ def test_a_batch_of_gels_has_the_states_and_gradients_of_single_sweeps(model):
     check_batch(quantity, DESIGN[2:] * RANDOM.uniform(0.9, 1.1, (2, 2)))
 
 
+@pytest.fixture(scope="module", params=["sample-1", "sample-4", "film"])
+def symmetric(request):
+    """Models of plates with the symmetries C4 and D4, and of a film with D4."""
+    if request.param == "film":
+        holes = [jaxgel.Circle((x, y), 0.7) for x in (-1, 1) for y in (-1, 1)]
+        plate, spacing = jaxgel.Plate(4.0, 4.0, holes, kinematics="plane stress"), 0.5
+    else:
+        plate, spacing = jaxgel.sample(request.param), 2.2
+    return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
+
+
+@pytest.mark.slow
+def test_a_batch_of_symmetric_sheets_has_the_states_and_gradients_of_single_sweeps(symmetric):
+    """Each program solves a part of the plate; quantities and their cotangents are of all of it."""
+    weights = jnp.asarray(RANDOM.normal(size=(symmetric.n_nodes, 2)))
+
+    def quantity(gel, values):
+        path = jaxgel.sweep(
+            jaxgel.Problem(symmetric, jaxgel.Gel(Nv=gel[0], chi=gel[1]), contact=False), values
+        )
+        assert set(path.symmetry) in ({"C4"}, {"D4"})
+        return jnp.sum(path.x[1:] * weights) + path.energy[-1] + path.pressure[2, 1], path
+
+    check_batch(quantity, DESIGN[2:] * RANDOM.uniform(0.9, 1.1, (2, 2)))
+
+
+@pytest.mark.slow
+def test_derivatives_by_loads_that_break_the_symmetry_are_those_of_the_whole_plate(four_circles):
+    """Gradient of a displacement of the last state by all nodal forces, under ``jax.vmap``."""
+    model, gel = four_circles
+    along = RANDOM.normal(size=(model.n_nodes, 2))
+
+    def gradient(Nv, symmetry):
+        def moved(loads):
+            own = dataclasses.replace(gel, Nv=Nv)
+            problem = jaxgel.Problem(model, own, loads=loads, contact=False)
+            path = jaxgel.sweep(problem, VALUES[:3], symmetry=symmetry)
+            used.update(path.symmetry)
+            return jnp.sum(path.x[-1] * along)
+
+        return jax.grad(moved)(jnp.zeros((model.n_nodes, 2)))
+
+    used = set()
+    found = jax.vmap(lambda Nv: gradient(Nv, "auto"))(jnp.array([1e-3, 2e-3]))
+    assert used == {"D4"}
+    for k, Nv in enumerate((1e-3, 2e-3)):
+        expected = gradient(Nv, "off")
+        np.testing.assert_allclose(found[k], expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+def test_a_program_uses_the_symmetries_that_are_known_when_it_is_made(model, four_circles):
+    """Of the gel nothing need be known; places and loads must be."""
+    circles, gel = four_circles
+    cloud, plate = circles.cloud, circles.cloud.plate
+    turned = np.ones((circles.n_nodes, 2))
+
+    def symmetry(own, changed, **options):
+        def sheet(number):
+            placed, loads, Nv = changed(number)
+            problem = jaxgel.Problem(placed, dataclasses.replace(own, Nv=Nv), loads=loads)
+            return jaxgel.sweep(problem, VALUES[:2], **options)
+
+        return set(jax.eval_shape(sheet, 1e-3).symmetry)
+
+    assert symmetry(gel, lambda Nv: (circles, None, Nv)) == {"D4"}
+    assert symmetry(gel, lambda Nv: (circles, None, Nv), symmetry="off") == {"C1"}
+    assert symmetry(gel, lambda Nv: (model, None, Nv)) == {"C1"}
+    assert symmetry(gel, lambda force: (circles, force * turned, 1e-3)) == {"C1"}
+    moved = lambda radius: jaxgel.discretise(cloud.at(plate.at([{"radius": radius}] * 4)))  # noqa: E731
+    assert symmetry(gel, lambda radius: (moved(1e3 * radius), None, 1e-3)) == {"C1"}
+
+
 @pytest.mark.slow
 def test_a_batch_of_designs_has_the_states_and_gradients_of_single_sweeps(model):
     """The same by semi-axes too."""
@@ -112,6 +186,28 @@ def test_a_sheet_that_buckles_is_nan_from_there_on(four_circles):
     assert status[0].tolist() == [0, 0, 0, Status.LOST_STABILITY]
     assert np.isnan(x[0, 3]).all() and np.isnan(energy[0, 3])
     assert status[1].tolist() == [0, 0, 0, 0] and np.isfinite(x[1]).all()
+    assert set(buckled.symmetry) == {"D4"}  # of the program too
+
+
+@pytest.mark.slow
+def test_a_symmetric_sheet_buckles_at_the_state_at_which_the_whole_one_does(four_circles):
+    """A program that solves an eighth of the plate looks at all modes."""
+    model, gel = four_circles
+
+    def states(symmetry):
+        def path(Nv):
+            own = dataclasses.replace(gel, Nv=Nv)
+            return jaxgel.sweep(jaxgel.Problem(model, own), values, symmetry=symmetry)
+
+        return jax.jit(jax.vmap(path))(jnp.array([1e-3, 2e-3]))
+
+    values = np.linspace(-1.6, -0.9178, 12)
+    part, whole = states("auto"), states("off")
+    assert (part.symmetry[0], whole.symmetry[0]) == ("D4", "C1")
+    np.testing.assert_array_equal(part.status, whole.status)
+    np.testing.assert_array_equal(np.isnan(part.x), np.isnan(whole.x))
+    np.testing.assert_allclose(part.x, whole.x, rtol=0, atol=1e-9)
+    assert all(0 < (row == Status.LOST_STABILITY).sum() < 12 for row in part.status), part.status
 
 
 @pytest.mark.slow

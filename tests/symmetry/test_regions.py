@@ -1,5 +1,6 @@
 """Facts about the fundamental region of a symmetric problem and the blocks of its tangent."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import pytest
 import jaxgel
 from jaxgel.equilibrium import dry_state, solve
 from jaxgel.geometry import Circle, Plate
-from jaxgel.linalg import factor, network_matrix
+from jaxgel.linalg import block_elimination_of, factor, network_matrix
 from jaxgel.materials import Gel, PixelField
 from jaxgel.mechanics import (
     all_volumes,
@@ -21,7 +22,7 @@ from jaxgel.mechanics import (
     touches,
     with_contact,
 )
-from jaxgel.symmetry import NAMES, bases, region, symmetries_of
+from jaxgel.symmetry import NAMES, bases, blocks_of_plate, region, symmetries_of
 from jaxgel.symmetry.groups import images
 
 MU = -2.0
@@ -121,6 +122,20 @@ def test_blocks_are_those_of_the_whole_tangent(problem, whole_and_region):
         for other in every[:i]:
             assert abs(one.T @ K @ other).max() < 1e-11 * abs(K).max()
             assert abs(one.T @ other).max() == 0
+
+
+@pytest.mark.thorough
+def test_solutions_by_blocks_are_those_of_the_whole_tangent(problem, whole_and_region):
+    """In a program, of a right-hand side without any symmetry."""
+    whole, reduced, _ = whole_and_region
+    blocks = block_elimination_of(blocks_of_plate(problem.model.lists, reduced.group))
+    rhs = np.random.default_rng(3).normal(size=blocks.size)
+    pairs = tangent(problem, whole.x, whole.pressure, whole.linearisation)
+    expected = whole.factor.accurate(rhs)
+    found = jax.jit(lambda blocks, pairs, rhs: blocks.solve(blocks.cholesky(pairs), rhs))(
+        blocks, pairs, rhs
+    )
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_region_has_one_patch_of_each_orbit(plates, problem_of):
