@@ -63,7 +63,9 @@ class Transport:
         """The same as the compiled programs take it."""
         problem = self.problem.shared
         D = self.D if is_traced(self.D) else np.asarray(self.D, float)
-        return Transport(problem, self.solvent.shared(problem.model, self.model), D, ())
+        made = Transport(problem, self.solvent.shared(problem.model, self.model), D, ())
+        # NumPy's arrays would be copied at every call of a program
+        return made if is_traced(made) else jax.device_put(made)
 
     @functools.cached_property
     def saddle(self) -> "Saddle":

@@ -57,8 +57,10 @@ BALANCE = 1e-12  # largest error of the balance of the solvent, over the solvent
 # correction of mu, over its size, after which the balance is as good as it gets: of a long stage
 # less than BALANCE
 ROUND_OFF = 1e-13
-GMRES = 1e-3  # of the right-hand side, left by the iterations of one correction
-# a correction that leaves more than this of the error makes a new factor worth its cost
+# of the right-hand side, left by the iterations of one correction; its products cost little beside
+# another correction
+GMRES = 1e-6
+# a correction that leaves more than this of the error makes a new matrix worth its cost
 SLOW = 1e-3
 
 
@@ -107,7 +109,7 @@ def solve_stage(
 
     The bath is that at its end, the start an iterate. ``iterated`` is called with each iterate.
     """
-    x, p, m, made, before, iterations = start.x, start.pressure, start.m, None, np.inf, 0
+    x, p, m, matrix, before, iterations = start.x, start.pressure, start.m, None, np.inf, 0
     f, moved = len(transport.problem.free), np.inf
     while True:
         acting = acting_problem(transport, m)
@@ -137,16 +139,16 @@ def solve_stage(
         iterated(found)
         if status is not None:
             return found
-        flow = FlowMatrices.of(transport, x, tau, now, rates)
         try:
-            if made is None or error > SLOW * before:
-                made, at = factorised(transport, acting, now, x, p, flow), now
+            if matrix is None or error > SLOW * before:
+                matrix, flow = None, FlowMatrices.of(transport, x, tau, now, rates)
+                matrix, at = Tangent(factorised(transport, acting, now, x, p, flow), flow), now
         except SingularTangent:
             return dataclasses.replace(found, status=Status.SINGULAR)
         rhs = np.concatenate(
             [np.asarray(condensed_rhs(acting, now, at)), missing[transport.saddle.groups]]
         )
-        change = Tangent(made, flow).solve(rhs, GMRES)
+        change = matrix.solve(rhs, GMRES)
         dm = np.zeros(len(m))
         dm[transport.saddle.groups] = change[f:]
         x, p, m = _stepped(transport, x, p, m, change[:f], dm, now, at)
