@@ -71,9 +71,10 @@ def _in_reversible_steps(function, arrays, count):
         jax.eval_shape(function, *(part[0] for part in parts)),
     )
 
+    @jax.checkpoint  # around the condition, whose branches would keep copies of all arrays
     def step(_, numbered):
         first, *some = numbered
-        return None, lax.cond(first < count, jax.checkpoint(function), lambda *_: nothing, *some)
+        return None, lax.cond(first < count, function, lambda *_: nothing, *some)
 
     found = lax.scan(step, None, (TOGETHER * jnp.arange(len(parts[0])), *parts))[1]
     return jax.tree.map(lambda v: v.reshape(-1, *v.shape[2:]), found)
