@@ -60,8 +60,9 @@ ROUND_OFF = 1e-13
 # of the right-hand side, left by the iterations of one correction; its products cost little beside
 # another correction
 GMRES = 1e-6
-# a correction that leaves more than this of the error makes a new matrix worth its cost
-SLOW = 1e-3
+# error over its tolerance that the matrix of the last correction may be expected to leave: about
+# error^2 / error before
+EXPECTED = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -140,7 +141,7 @@ def solve_stage(
         if status is not None:
             return found
         try:
-            if matrix is None or error > SLOW * before:
+            if matrix is None or error**2 > EXPECTED * before:
                 matrix, flow = None, FlowMatrices.of(transport, x, tau, now, rates)
                 matrix, at = Tangent(factorised(transport, acting, now, x, p, flow), flow), now
         except SingularTangent:
