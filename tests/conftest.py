@@ -62,6 +62,7 @@ def pytest_xdist_auto_num_workers(config):
 LONG = (
     "bifurcation/branches.py",
     "bifurcation/deflation.py",
+    "bifurcation/search.py",
     "materials/phases.py",
     "observables/solvent.py",
     "observables/times.py",

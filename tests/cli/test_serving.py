@@ -112,6 +112,7 @@ def test_gradient_and_jacobian_by_holes_agree_with_differences(tmp_path):
         check_derivatives(client, POINT + MOVED, [2.0, 1.0, 0.3, -1.0, 0.5])
 
 
+@pytest.mark.thorough
 def test_the_client_gets_errors_in_one_line_and_then_values_again(tiny):
     _, client = tiny
     with pytest.raises(
