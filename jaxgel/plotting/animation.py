@@ -35,12 +35,11 @@ class _Frames(Figure):
         canvas = self.canvas
         if self.background is None:
             for artist in self.moving:
-                artist.set_visible(False)
+                artist.set_animated(True)
             canvas.draw()
             self.background = canvas.copy_from_bbox(self.bbox)
         canvas.restore_region(self.background)
         for artist in sorted(self.moving, key=Artist.get_zorder):
-            artist.set_visible(True)
             self.draw_artist(artist)
         fname.write(canvas.buffer_rgba())
 

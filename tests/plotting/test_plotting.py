@@ -1,6 +1,7 @@
 """Figures carry what they say they carry; axes come in and go out."""
 
 import dataclasses
+import itertools
 import sys
 
 import imageio_ffmpeg
@@ -8,7 +9,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 import jaxgel
 from jaxgel.observables import BY_COLUMN, QUANTITIES, field_values, history, triangles
@@ -20,6 +21,8 @@ from jaxgel.plotting import (
     plot_pattern,
     plot_patterns,
 )
+
+DARK = 100  # of 255: grey of lines and letters
 
 
 @pytest.fixture(autouse=True)
@@ -209,9 +212,16 @@ def test_names_that_do_not_exist_are_refused(path):
 
 
 def test_the_animation_has_a_frame_per_state(path, tmp_path):
+    """Each has its title above the axes, and each gel is another one."""
     animate_pattern(path, tmp_path / "pattern.gif")
     with Image.open(tmp_path / "pattern.gif") as image:
         assert image.n_frames == len(path.mu)
+        frames = [np.asarray(frame.convert("L")) for frame in ImageSequence.Iterator(image)]
+    top = min(int(np.argmax((frame < DARK).sum(axis=1) > len(frame) / 2)) for frame in frames)
+    titles, gels = [frame[:top] for frame in frames], [frame[top:] for frame in frames]
+    assert min(int((title < DARK).sum()) for title in titles) > 50
+    for parts in (titles, gels):
+        assert all(np.any(one != other) for one, other in itertools.pairwise(parts))
 
 
 def test_an_mp4_has_a_frame_per_state_and_lasts_as_long_as_asked(path, tmp_path):
