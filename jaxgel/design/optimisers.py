@@ -41,7 +41,7 @@ def optimiser(method: Any, step: float, tolerance: float) -> Callable:
 
     A GradientTransformation; ValueError for others.
     """
-    import optax  # 0.2 s, which only searches need
+    import optax  # slow to import, and only searches need it
 
     if isinstance(method, optax.GradientTransformation):
         return functools.partial(first_order, transformation=method, step=step)
