@@ -71,7 +71,8 @@ def _in_reversible_steps(function, arrays, count):
         jax.eval_shape(function, *(part[0] for part in parts)),
     )
 
-    @jax.checkpoint  # around the condition, whose branches would keep copies of all arrays
+    # around the condition: inside its branches it would keep copies of all arrays (JAX 0.10.1)
+    @jax.checkpoint
     def step(_, numbered):
         first, *some = numbered
         return None, lax.cond(first < count, function, lambda *_: nothing, *some)

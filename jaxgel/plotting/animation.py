@@ -34,6 +34,7 @@ class _Frames(Figure):
         """Write the pixels of the frame, RGBA."""
         canvas = self.canvas
         if self.background is None:
+            # not invisible: an invisible title is placed anew, off the figure (Matplotlib 3.11.2)
             for artist in self.moving:
                 artist.set_animated(True)
             canvas.draw()
