@@ -30,7 +30,7 @@ class _Frames(Figure):
     background: Any = None
     moving: list[Artist]
 
-    def savefig(self, fname: BinaryIO, **_: Any) -> None:  # pyright: ignore
+    def savefig(self, fname: BinaryIO, **_: Any) -> None:
         """Write the pixels of the frame, RGBA."""
         canvas = self.canvas
         if self.background is None:
