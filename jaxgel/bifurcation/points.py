@@ -39,22 +39,22 @@ class CriticalPoint:
     """Nodal positions, mm."""
     pressure: Float[Array, " g"]
     """Pressures of the volume groups, kT/v."""
-    modes: Float[np.ndarray, "m n 2"]
+    modes: Float[Array, "m n 2"]
     """Modes, dimensionless, normalised and signed as in `stability`."""
-    eigenvalues: Float[np.ndarray, " m"]
+    eigenvalues: Float[Array, " m"]
     """Remaining eigenvalues at mu: round-off, or half the split of a double one of the cloud."""
-    slope: float
+    slope: Scalar
     """d lambda / d value along the branch, mean over the modes; at a fold -dr/dvalue . v."""
-    curvature: float
+    curvature: Scalar
     """d^2 value / d a^2 along the branch that leaves, a the amplitude of the mode; nan if m > 1.
     If it is positive, that branch lies above the value."""
-    imperfection: float
+    imperfection: Scalar
     """Force that holds the state on its branch, over that of a one-spacing mode of the network."""
     symmetries: dict[str, float]
     """Symmetry of the cloud -> character of the modes: 1 keeps a simple mode, -1 reverses it."""
     unstable: int
     """Number of negative eigenvalues of the branch just before the point."""
-    correction: Float[np.ndarray, "n 2"]
+    correction: Float[Array, "n 2"]
     """Field w of the derivative, see `critical`."""
 
     chemical_potential = OldAttribute("mu")
@@ -78,7 +78,7 @@ class CriticalPoint:
 
         There the one that it leaves has fewer negative eigenvalues.
         """
-        return self.curvature * self.slope > 0
+        return bool(self.curvature * self.slope > 0)
 
     @property
     def text(self) -> str:
@@ -124,7 +124,7 @@ class Expansion:
     """Third derivative of the energy along the first mode."""
     quartic: float
     """Fourth derivative along the first mode, relaxed; nan for several modes."""
-    correction: Float[np.ndarray, " f"]
+    correction: Float[Array, " f"]
     """w = K^-1 (dphi/dx) across the modes."""
 
 

@@ -2,7 +2,7 @@
 
 from .._deprecated import old_arguments
 from .._tracing import is_traced
-from .._types import Array, Float
+from .._types import Array, Float, Scalar
 from .._validation import Inadmissible, check_kind
 from ..controls import check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, State
@@ -13,7 +13,7 @@ from .options import check_sweep
 from .path import Path
 from .steps import STEP_CONTROL, Adaptive, StepControl
 
-Values = list[float] | tuple[float, ...] | Float[Array, " k"] | Adaptive
+Values = list[Scalar] | tuple[Scalar, ...] | Float[Array, " k"] | Adaptive
 
 
 @old_arguments

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 from .._primitives import primitive
+from .._types import Array, Scalar
 
 
 @functools.partial(jax.custom_jvp[Any], nondiff_argnums=(1,))
@@ -49,7 +50,7 @@ def _without_derivatives_jvp(text, primals, tangents):
     return values, jax.tree.map(lambda value: no_tangents(value, dots, text), values)
 
 
-def no_tangents(value: jax.Array, dots: list[Any], text: str) -> Any:
+def no_tangents(value: Array | Scalar, dots: list[Any], text: str) -> Any:
     """Tangents of a ``value`` that has no derivative by what changes with the tangents ``dots``.
 
     See `without_derivatives`.

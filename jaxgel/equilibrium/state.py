@@ -61,8 +61,8 @@ class State:
     """
     x: Float[Array, "n 2"]
     """Nodal positions, mm."""
-    pressure: Float[Array, " g"]
-    """Pressure of the volume groups, kT/v."""
+    pressure: Float[Array, " g"] | Float[Array, "c g"]
+    """Pressure of the volume groups, kT/v; by cells in the scheme of ``paper``."""
     status: Status = Status.NOT_CONVERGED
     """How the iteration ended; ``CONVERGED`` for an accepted state."""
     newton_iterations: int = 0

@@ -21,6 +21,7 @@ from .gel import (
     ArrudaBoyce,
     Gel,
     Gent,
+    LocalGel,
     bulk_stiffness,
     cauchy_stress,
     check_network,
@@ -42,7 +43,6 @@ from .phases import (
 from .responsive import (
     AnyGel,
     Ions,
-    LocalGel,
     Pnipam,
     Polyelectrolyte,
     ionic_energy,

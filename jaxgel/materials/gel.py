@@ -16,7 +16,7 @@ al. (2020), Eqs. (1)-(9) and (59); Hong, Liu & Suo (2009).
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,29 @@ def neo_hookean(F: Float[Array, "2 2"], gel: Any, axial: Scalar = 1.0) -> Float[
     In plane strain this is Nv/2 (F:F - 2).
     """
     return gel.Nv / 2 * (jnp.sum(F**2) + (axial**2 - 3))
+
+
+@runtime_checkable
+class LocalGel(Protocol):
+    """A gel on a model, with local values in place of its fields, see ``mechanics.localised``.
+
+    A registered dataclass, such as `Gel`, those in `responsive`, or a user's own.
+    """
+
+    @property
+    def Nv(self) -> Any:
+        """Chains per dry volume times solvent molecule volume ()."""
+        ...
+
+    @property
+    def network(self) -> Callable:
+        """Network energy (F (2, 2), gel) -> (), kT/v."""
+        ...
+
+    @property
+    def volumetric(self) -> Callable:
+        """Energy of mixing (J (), gel) -> (), kT/v."""
+        ...
 
 
 @jax.tree_util.register_dataclass

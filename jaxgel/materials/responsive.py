@@ -14,9 +14,9 @@ import jax.numpy as jnp
 
 from .._compiled import compiled
 from .._types import Array, Float, Scalar
-from .composite import Composite, Filled
+from .composite import Composite
 from .fields import Field
-from .gel import Gel, neo_hookean
+from .gel import LocalGel, neo_hookean
 from .mixing import flory_huggins, flory_rehner
 
 ZERO_CELSIUS = 273.15  # K
@@ -125,8 +125,6 @@ class Polyelectrolyte:
     """Energy of mixing and of the ions (J (), gel) -> (), kT/v."""
 
 
-LocalGel = Gel | Pnipam | Polyelectrolyte | Filled
-"""A gel on a model, with local values in place of its fields, see ``mechanics.localised``."""
 AnyGel = LocalGel | Composite
 """What may be given as the gel of a model."""
 

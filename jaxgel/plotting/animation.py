@@ -1,7 +1,7 @@
 """A path as an animation."""
 
 from pathlib import Path as File
-from typing import Any, BinaryIO
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -30,7 +30,7 @@ class _Frames(Figure):
     background: Any = None
     moving: list[Artist]
 
-    def savefig(self, fname: BinaryIO, **_: Any) -> None:
+    def savefig(self, fname: Any, **_: Any) -> None:
         """Write the pixels of the frame, RGBA."""
         canvas = self.canvas
         if self.background is None:

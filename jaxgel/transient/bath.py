@@ -29,9 +29,9 @@ class Bath:
     [-1.0, -0.55, -0.1]
     """
 
-    mu: Scalar | Sequence[float]
+    mu: Scalar | Sequence[Scalar] | Float[Array, " j"]
     """Chemical potential, kT, or its values; at most 0, that of the pure solvent."""
-    times: Sequence[float] | None = None
+    times: Sequence[Scalar] | Float[Array, " j"] | None = None
     """Times of the values, rising from 0 or later, in the unit of time of D; None for one value."""
 
     def __post_init__(self) -> None:
@@ -67,7 +67,7 @@ class Bath:
         """Its times, also if JAX differentiates by these."""
         return np.asarray(differentiated_value(self.times))
 
-    def at(self, t: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
+    def at(self, t: Float[Array, "..."] | Scalar) -> Float[Array, "..."] | Scalar:
         """Chemical potentials (...), kT, at times ``t``."""
         return _xp(t, self.times, self.mu).interp(t, self.times, self.mu)
 
@@ -168,7 +168,7 @@ _compiled_values = compiled()(_values)
 
 
 def moved_times(
-    t: Float[np.ndarray, " k"], baths: Sequence[Bath], numbers: Sequence[Float[np.ndarray, " j"]]
+    t: Float[Array, " k"], baths: Sequence[Bath], numbers: Sequence[Float[Array, " _"]]
 ) -> Float[Array, " k"]:
     """Times ``t`` (k,); those at kinks of the ``baths``, by ``numbers``, are the baths' own.
 

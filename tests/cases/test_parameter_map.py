@@ -204,7 +204,7 @@ def test_samples_of_a_file_are_the_points_by_the_names_of_their_columns(tmp_path
     assert problem == {"num_vars": 2, "names": ["Nv", "chi"], "bounds": [[1e-3, 2e-3], [0.0, 0.4]]}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of SALib's own
 def test_salib_draws_the_points_and_analyses_the_table(tmp_path):
     sobol = pytest.importorskip("SALib.sample.sobol")
@@ -560,7 +560,7 @@ def alike(one, other):
     return True
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_program_sweeps_in_batches_what_the_cloud_carries_and_the_host_the_others(
     tmp_path, monkeypatch
 ):

@@ -181,6 +181,7 @@ def test_a_state_that_was_not_reached_has_no_lowest_eigenvalue(tiny_path):
     np.testing.assert_allclose(found[:-1], tiny_path.lowest_eigenvalue[:-1], rtol=ACCURACY)
 
 
+@pytest.mark.thorough
 def test_the_lowest_eigenvalue_of_a_path_under_loads_is_that_of_its_states(tiny_model):
     """Dead loads have no stiffness, but change states: a tenth and more of the eigenvalue."""
     gel = tiny_model.cloud.plate.gel

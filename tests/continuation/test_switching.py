@@ -44,6 +44,7 @@ def test_a_plate_turns_on_in_the_direction_in_which_it_began(mu, twisted_model):
     assert rotation[0] > 0 and np.all(np.diff(rotation) > 0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("share", "ok"), [(1.0, True), (1e-9, True), (-1e-9, True), (-0.1, False)])
 def test_only_a_prediction_that_says_something_refuses_a_step(share, ok, twisted_model):
     """A step along the softest mode, of which ``share`` was predicted."""

@@ -1,7 +1,7 @@
 """Area of exported gels: dry area times mean volume ratio; files are in test_drawings."""
 
 import functools
-from types import SimpleNamespace
+from unittest.mock import NonCallableMock
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import jaxgel
+from jaxgel.continuation import Path
 from jaxgel.controls import ChemicalPotential
 from jaxgel.io import dry_gel, swollen_gel, write_outline
 from jaxgel.mechanics import held_dofs
@@ -18,20 +19,20 @@ CIRCLE = functools.partial(jaxgel.Circle, radius=1.0)
 FREE = {"right": "free", "top": "free"}
 MOVED = {"deformation": ((1.2, 0.0), (0.0, 1.1))}
 PLATES = {
-    "held, whole": {"holes": CIRCLE((0.2, 0.1))},
-    "held, edge": {"holes": CIRCLE((2.0, 0.2))},
-    "moved, corner": {"holes": CIRCLE((2.0, 2.0)), **MOVED},
-    "free, whole": {"holes": CIRCLE((0.2, 0.1)), "edges": FREE},
-    "free, edge": {"holes": CIRCLE((2.0, 0.2)), "edges": FREE},
-    "free, corner": {"holes": CIRCLE((2.0, 2.0)), "edges": FREE},
-    "periodic": {"holes": CIRCLE((0.0, 0.0)), "edges": "periodic"},
-    "more hole than gel": {"holes": CIRCLE((0.0, 0.0), radius=1.6)},
+    "held, whole": {"holes": [CIRCLE((0.2, 0.1))]},
+    "held, edge": {"holes": [CIRCLE((2.0, 0.2))]},
+    "moved, corner": {"holes": [CIRCLE((2.0, 2.0))], **MOVED},
+    "free, whole": {"holes": [CIRCLE((0.2, 0.1))], "edges": FREE},
+    "free, edge": {"holes": [CIRCLE((2.0, 0.2))], "edges": FREE},
+    "free, corner": {"holes": [CIRCLE((2.0, 2.0))], "edges": FREE},
+    "periodic": {"holes": [CIRCLE((0.0, 0.0))], "edges": "periodic"},
+    "more hole than gel": {"holes": [CIRCLE((0.0, 0.0), radius=1.6)]},
 }
 SOME = ("moved, corner", "free, edge", "periodic", "more hole than gel")
 
 
-class States(SimpleNamespace):
-    """One state that is no equilibrium; the areas are those of any motion."""
+class States(NonCallableMock):
+    """A path of one state that is no equilibrium; the areas are those of any motion."""
 
     def __getitem__(self, _):
         return self
@@ -66,7 +67,7 @@ def swollen(name):
         )
     bend = np.where(held_dofs(model.lists.topology), 0.0, bend)
     x = jnp.asarray(X @ np.array(plate.dry_deformation).T + bend)
-    states = States(model=model, x=x[None], value=np.zeros(1), control=ChemicalPotential())
+    states = States(Path, model=model, x=x[None], value=np.zeros(1), control=ChemicalPotential())
     return states, float(
         np.asarray(cell_volumes(model)) @ np.asarray(jaxgel.volume_ratio(states))[0]
     )

@@ -11,6 +11,7 @@ import pytest
 
 from jaxgel.cases import case as cases
 from jaxgel.cases import load_path
+from jaxgel.equilibrium import Change
 from jaxgel.io import Recorder, load_run, write_atomically
 from jaxgel.observables import BY_COLUMN, COLUMNS, SELF_CONTACT, events, history, outlines
 
@@ -42,7 +43,9 @@ def table(**columns):
 
 def steps_of(path, switched=None):
     """The steps that the path was made from; number ``switched`` went over to another branch."""
-    return [dataclasses.replace(path[k], switched=k == switched) for k in range(len(path))]
+    return [
+        dataclasses.replace(path[k], switched=Change(int(k == switched))) for k in range(len(path))
+    ]
 
 
 def test_history_has_exactly_the_columns_of_the_interface_and_a_row_per_state(run_folder, path):
@@ -103,6 +106,7 @@ def test_a_change_of_negative_pivots_is_a_bifurcation():
     assert "from 0 to 2" in found[0]["text"]
 
 
+@pytest.mark.thorough
 def test_a_step_to_the_stable_branch_is_a_bifurcation(path, tmp_path):
     recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.problem)
     for step in steps_of(path, switched=2):

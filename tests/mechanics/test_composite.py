@@ -206,6 +206,7 @@ def assert_slope(x, mu, model, gel, loads, free):
     assert high - low == pytest.approx(h * (first + 4 * middle + last) / 6, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_residual_is_the_slope_of_the_energy_of_gel_and_elastomer():
     model, gel = layered((STIFF,))
     problem = Problem(model, gel, contact=False).prepared

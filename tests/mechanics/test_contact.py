@@ -95,6 +95,7 @@ def test_force_is_the_difference_of_energies(squeezed):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.smoke
 def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
     """Tangent with contact less without, over all node pairs, against the force's derivative."""

@@ -130,7 +130,7 @@ def test_a_strip_held_along_one_axis():
     assert all("wrinkles out of its plane (-" in text for text in history(path)["status"])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_film_held_along_both_axes_swells_by_eq_59_through_its_thickness():
     path, X = swollen("roller", MU)
     thickness = [root(lambda l3, mu=mu: potential(l3) + GEL.Nv * l3 - mu) for mu in MU]

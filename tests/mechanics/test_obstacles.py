@@ -136,7 +136,7 @@ def test_pressure_along_the_top_adds_up_to_the_force(pressed):
     assert total == pytest.approx(float(obstacle_force(pressed)[-1, 0, 1]), rel=1e-10)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_pressure_has_the_derivative_of_differences(pressed):
     """By the depth of the punch, through the sweep; central differences of fourth order."""
     weights = np.cos(np.arange(len(contact_pressure(pressed)[1])))

@@ -62,6 +62,7 @@ def test_lowest_eigenvalue_of_the_tangent_is_the_same_at_all_pressures(p, spacin
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spacing", EACH_SPACING)
 @pytest.mark.parametrize("p", PRESSURES)
 def test_tangent_costs_no_motion_less_than_the_network_does(p, spacing):

@@ -54,7 +54,7 @@ def problem(request, plates, problem_of):
     """Plates, edges, discretisations, a film, a field and another network, all with symmetries."""
     name, circle = request.param, Circle((0, 0), 1)
     if name in OTHERS:
-        return problem_of(Plate(4, 4, circle, **OTHERS[name]))
+        return problem_of(Plate(4, 4, [circle], **OTHERS[name]))
     if name == "field":
         return problem_of(
             plates["D4"],
@@ -157,7 +157,7 @@ def test_mirror_images_have_as_many_neighbours_if_supports_end_on_grid_lines(pro
     The region could not be made.
     """
     whole = problem_of(
-        Plate(4, 4, Circle((0, 0), 0.9), spacing=4 / 14, nodes_per_hole=12), dmax=3.0
+        Plate(4, 4, [Circle((0, 0), 0.9)], spacing=4 / 14, nodes_per_hole=12), dmax=3.0
     )
     lists, group = whole.model.lists, symmetries_of(whole)
     counts, found = (lists.support > 0).sum(axis=1), images(lists)

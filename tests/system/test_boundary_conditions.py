@@ -27,6 +27,7 @@ def swept(plate, mu, *, loads=None, gel=GEL, **sizes):
     ), np.asarray(model.cloud.nodes)
 
 
+@pytest.mark.thorough
 def test_quarter_of_a_free_standing_plate_swells_freely():
     """Mirror symmetry at the left and the bottom, nothing else: x = stretch * X from the corner."""
     mu = [-4.0, -2.0, -1.0]
@@ -153,6 +154,7 @@ def test_column_under_its_weight_has_the_closed_form_of_its_height():
     np.testing.assert_allclose(free - top, settlement, rtol=0.006)
 
 
+@pytest.mark.thorough
 def test_periodic_cell_with_mirror_symmetry_is_the_cell_between_rollers():
     """One round hole: the periodic state has the rollers' mirror symmetry, to round-off."""
     sizes = dict(spacing=0.2, nodes_per_hole=20)

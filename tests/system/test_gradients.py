@@ -362,6 +362,7 @@ def test_derivatives_next_to_a_bifurcation_are_flagged(buckling_model, critical)
     ]
 
 
+@pytest.mark.thorough
 def test_derivatives_of_overlapping_holes_are_flagged(cloud, monkeypatch):
     model, found = jaxgel.discretise(cloud), itertools.cycle([False, False, True])
     monkeypatch.setattr(sys.modules["jaxgel.continuation.path"], "overlaps", lambda *_: next(found))

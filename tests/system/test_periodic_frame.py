@@ -25,7 +25,7 @@ def shifted(by, holes=HOLES, **entries):
         2,
         2,
         holes,
-        core=np.add((-0.7, 0.3), by),
+        core=tuple(np.add((-0.7, 0.3), by).tolist()),
         **({"edges": "periodic", "deformation": F} | entries),
     )
 

@@ -14,7 +14,7 @@ def model_of():
     def make(hole):
         return jaxgel.discretise(
             jaxgel.make_cloud(
-                jaxgel.Plate(2, 2, hole, edges="periodic"), spacing=0.25, nodes_per_hole=16
+                jaxgel.Plate(2, 2, [hole], edges="periodic"), spacing=0.25, nodes_per_hole=16
             )
         )
 

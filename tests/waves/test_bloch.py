@@ -60,6 +60,7 @@ def test_lowest_eigenvalues_and_their_count_are_those_of_dense_matrices(cell, ge
         assert fields.shape == (3, cell.n_nodes, 2)
 
 
+@pytest.mark.thorough
 def test_waves_that_are_the_same_in_all_cells_are_those_of_the_sweep(waves, cell, gel):
     path = jaxgel.sweep(jaxgel.Problem(cell, gel), [MU], symmetry="off")
     assert waves.lowest(np.zeros(2))[0][0] == pytest.approx(
