@@ -63,6 +63,7 @@ _FIELDS = (
     "energy",
     "rhs",
     "gradients",
+    "ratios",
     "stiffness",
     "error",
     "gap",
@@ -83,6 +84,8 @@ class Linearisation:
     """Loads less internal forces, kT/v mm."""
     gradients: tuple
     """Per block gradients G (c, g, 2, a) of the groups' volumes V J by nodal positions, mm."""
+    ratios: Float[Array, " g"]
+    """Volume ratios J of the groups; 2 for padding."""
     stiffness: Float[Array, " g"]
     """Bulk stiffness k = dp/dJ at J0, kT/v: J*(p) in stiff groups, J in soft ones."""
     error: Float[Array, " g"]
@@ -107,7 +110,7 @@ class Linearisation:
         ]
         groups = {
             name: fitted(getattr(self, name), "g", model.lengths)
-            for name in ("stiffness", "error", "gap")
+            for name in ("ratios", "stiffness", "error", "gap")
         }
         gradients = tuple(map(resized, self.gradients, shapes))
         return dataclasses.replace(
@@ -141,7 +144,7 @@ def linearise(
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
     return Linearisation(
-        energy, rhs, gradients, stiffness, error, gap, residual_norm, violation, per_force
+        energy, rhs, gradients, J, stiffness, error, gap, residual_norm, violation, per_force
     )
 
 

@@ -46,7 +46,6 @@ import numpy as np
 from .._types import Array, Float, Scalar
 from ..discretisation import Body
 from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, layer_uptake
-from .mixed import Linearisation, pressure_rates
 from .patchwise import over_patches
 from .solvent import MOMENTS, Solvent
 from .volumes import (
@@ -157,6 +156,33 @@ def carried(
     return Carried(*zip(*found, strict=True))
 
 
+class Flow(NamedTuple):
+    """What flows, see `flow`; a pytree."""
+
+    leaving: Float[Array, " v"]
+    """Flow out of every place, mm^2 per unit of time."""
+    squares: tuple[Array, ...]
+    """Per block (c, 2, 2): patch means of F^T F."""
+    rates: "FlowRates | None"
+    """If asked for."""
+
+
+class FlowRates(NamedTuple):
+    """Derivatives of the flow at the quadrature points, times their weights; a pytree.
+
+    If mu at the places of a patch changes, its mean, and its nodes, then w at the places changes by
+    dw/dmu (dmu + dp / l3 - dmu of the mean) with the patch's mean pressure p at which p = l3
+    (dphi/dJ - mu), and the flow at a point by by_gradient grad dw + by_stretch dF.
+    """
+
+    by_gradient: tuple
+    """Per block (c, q, 2, 2): by the gradient of w."""
+    by_stretch: tuple
+    """Per block (c, q, 2, 2, 2): by the deformation gradient."""
+    F: tuple
+    """Per block (c, q, 2, 2): the deformation gradient itself."""
+
+
 def flow(
     x: Float[Array, "n 2"],
     carried: Carried,
@@ -164,100 +190,47 @@ def flow(
     solvent: Solvent,
     D: Scalar,
     *,
+    rates: bool = False,
     reverse: bool = False,
-) -> Float[Array, " v"]:
-    """Flow (v,) out of every place, mm^2 per unit of time; linear in ``carried.work``.
+) -> Flow:
+    """`Flow` at positions ``x``; linear in ``carried.work``. With `FlowRates` if asked for.
 
     That of a layer thinner than the cells is left out. It has no ``reverse`` derivatives unless
     these are asked for, nor has what is ``carried``.
     """
 
-    def leaving(block, on_block, work):
-        flux = jnp.einsum(
-            "cqij,cqj->cqi", _metric(x, block, D), jnp.einsum("cqbi,cb->cqi", on_block.dpsi, work)
-        )
-        return jnp.einsum("cqbi,cqi->cb", on_block.dpsi, flux)
-
-    total = jnp.zeros(len(model.carries) + len(solvent.wetting.node_parts))
-    for block, on_block, work in zip(model.blocks, solvent.blocks, carried.work, strict=True):
-        total = total.at[on_block.places].add(
-            over_patches(leaving, (bare(block), on_block, work), block.count, reverse=reverse)
-        )
-    return total
-
-
-class FlowRates(NamedTuple):
-    """Derivatives of the `flow`, patch by patch; a pytree."""
-
-    by_mu: tuple
-    """Per block (c, b, b): derivative of each place's outflow by mu, at fixed pressures.
-
-    Places are those of a patch.
-    """
-    by_position: tuple
-    """Per block (c, b, a, 2), by the positions of its nodes, with which the pressures change."""
-    by_mean: tuple
-    """Per block (c, b), by the mean mu of its volume groups, with which the pressures fall."""
-    squares: tuple
-    """Per block (c, a, 2, 2, 2): derivative of the patch mean of F^T F by nodal positions."""
-
-
-def flow_rates(
-    x: Float[Array, "n 2"],
-    now: Linearisation,
-    carried: Carried,
-    model: Body,
-    solvent: Solvent,
-    D: Scalar,
-) -> FlowRates:
-    """`FlowRates` of a state with the linearisation ``now``, at which p = l3 (dphi/dJ - mu)."""
-
-    def of_patches(block, on_block, work, slope, pressure):
-        F, metric = deformation_gradients(x, block), _metric(x, block, D)
-        by_mu = (
-            jnp.einsum("cqai,cqij,cqbj->cab", on_block.dpsi, metric, on_block.dpsi) * slope[:, None]
-        )
+    def of_patches(block, on_block, work):
+        F = deformation_gradients(x, block)
+        turned, scale = cofactors(F), D * block.weight
+        metric = scale[:, :, None, None] * jnp.einsum("cqki,cqkj->cqij", turned, turned)
         gradient = jnp.einsum("cqbi,cb->cqi", on_block.dpsi, work)
-        change = (
-            D
-            * block.weight[..., None, None, None]
-            * jax.vmap(jax.vmap(jax.jacfwd(_turned)))(F, gradient)
+        flux = jnp.einsum("cqij,cqj->cqi", metric, gradient)
+        volume = jnp.sum(block.weight, axis=1)
+        square = jnp.einsum("cq,cqki,cqkj->cij", block.weight, F, F)
+        found = (
+            jnp.einsum("cqbi,cqi->cb", on_block.dpsi, flux),
+            square / jnp.where(volume > 0, volume, 1.0)[:, None, None],
         )
-        by_position = jnp.einsum(
-            "cqbi,cqika->cbak", on_block.dpsi, jnp.einsum("cqikl,cqal->cqika", change, block.dphi)
-        )
-        by_pressure = jnp.sum(by_mu, axis=2)
-        by_position += by_pressure[:, :, None, None] * pressure.swapaxes(1, 2)[:, None]
-        half = (
-            jnp.einsum("cq,cqai,cqkj->cakij", block.weight, block.dphi, F)
-            / _volumes(block)[..., None, None]
-        )
-        return by_mu, by_position, -by_pressure, half + half.swapaxes(3, 4)
+        if not rates:
+            return found
+        by_stretch = jax.vmap(jax.vmap(jax.jacfwd(_turned)))(F, gradient)
+        return *found, metric, scale[..., None, None, None] * by_stretch, F
 
-    found = []
-    pressures = pressure_rates(now, model)
-    for block, on_block, work, slope, rates in zip(
-        model.blocks, solvent.blocks, carried.work, carried.slopes, pressures, strict=True
-    ):
-        mean = jnp.mean(rates[:, : block.carrying], axis=1) / axial_stretch(model)
-        found.append(
-            over_patches(
-                of_patches, (bare(block), on_block, work, slope, mean), block.count, reverse=False
-            )
+    total, found = jnp.zeros(len(model.carries) + len(solvent.wetting.node_parts)), []
+    for block, on_block, work in zip(model.blocks, solvent.blocks, carried.work, strict=True):
+        leaving, *others = over_patches(
+            of_patches, (bare(block), on_block, work), block.count, reverse=reverse
         )
-    return FlowRates(*zip(*found, strict=True))
+        total = total.at[on_block.places].add(leaving)
+        found.append(others)
+    squares, *others = zip(*found, strict=True)
+    return Flow(total, squares, FlowRates(*others) if rates else None)
 
 
 def _turned(F, gradient):
     """A^2 F^-1 F^-T times a gradient (2,) at one point."""
     turned = cofactors(F)
     return turned.T @ (turned @ gradient)
-
-
-def _metric(x, block, D):
-    """D A^2 F^-1 F^-T (c, q, 2, 2) times quadrature weights, with areal stretch A = det F."""
-    turned = cofactors(deformation_gradients(x, block))
-    return block.weight[:, :, None, None] * D * jnp.einsum("cqki,cqkj->cqij", turned, turned)
 
 
 def places(
@@ -328,26 +301,17 @@ def in_wet_groups(
     return values.at[solvent.wetting.groups].get(mode="fill", fill_value=fill)
 
 
-def along_sides(x: Float[Array, "n 2"], model: Body, solvent: Solvent) -> Float[Array, " e"]:
-    """Mean square (e,) of the stretch along wetted sides of each group; 1 for padding."""
-    blocks = [
-        jnp.broadcast_to(_squares(x, block)[:, None], (*block.groups.shape, 2, 2))
-        for block in model.blocks
+def along_sides(squares: tuple[Array, ...], model: Body, solvent: Solvent) -> Float[Array, " e"]:
+    """Mean square (e,) of the stretch along wetted sides of each group; 1 for padding.
+
+    From the ``squares`` of a `Flow`.
+    """
+    of_blocks = [
+        jnp.broadcast_to(square[:, None], (*block.groups.shape, 2, 2))
+        for square, block in zip(squares, model.blocks, strict=True)
     ]
     wet = solvent.wetting
     found = jnp.einsum(
-        "eij,eij->e", in_wet_groups(of_groups(blocks, model), solvent, 1.0), wet.directions
+        "eij,eij->e", in_wet_groups(of_groups(of_blocks, model), solvent, 1.0), wet.directions
     )
     return jnp.where(wet.length > 0, found, 1.0)
-
-
-def _squares(x, block):
-    """Mean of F^T F (c, 2, 2) over each patch."""
-    F = deformation_gradients(x, block)
-    return jnp.einsum("cq,cqki,cqkj->cij", block.weight, F, F) / _volumes(block)
-
-
-def _volumes(block):
-    """Volumes (c, 1, 1) of the patches; 1 for padding."""
-    volume = jnp.sum(block.weight, axis=1)
-    return jnp.where(volume > 0, volume, 1.0)[:, None, None]

@@ -41,7 +41,7 @@ from ..mechanics import (
 from .march import GAMMA, Step
 from .problem import Transport
 from .stage import Stage, acting_potential, acting_problem, balance, balance_and_rates
-from .tangent import FlowMatrices, Tangent, factorised
+from .tangent import FlowChange, Tangent, factorised
 
 ACCURATE = 1e-12  # of the right-hand side, left by GMRES
 POOR = 1e-7  # of the right-hand side: what no solution leaves
@@ -172,8 +172,10 @@ class _Residuals:
             mu, J = potentials(m, model), volume_ratios(begun, model)
             forces = -gather(residual(x, model, problem.gel, mu, problem.loads, p), problem.free)
             old = J + share * (volume_ratios(other, model) - J)
-            p = pressure_at(volume_ratios(x, model), model, problem.gel, mu)
-            return forces, balance(transport, x, p, m, old, tau, bath, reverse=True).missing
+            now = volume_ratios(x, model)
+            p = pressure_at(now, model, problem.gel, mu)
+            found = balance(transport, x, p, m, now - old, tau, bath, reverse=True)
+            return forces, found.missing
 
         columns = (
             x[1:],
@@ -210,9 +212,7 @@ class _OfStages:
 
         def inflow(stage):
             x, p, m, tau, bath = stage
-            return balance(
-                transport, x, p, m, jnp.full(p.shape, 2.0), tau, bath, reverse=True
-            ).inflow
+            return balance(transport, x, p, m, jnp.zeros(p.shape), tau, bath, reverse=True).inflow
 
         energy, pressure, potential = lax.map(jax.checkpoint(of_state), (stages.x, stages.m))
         rates = lax.map(
@@ -294,12 +294,12 @@ class March:
             x,
             p,
             m,
-            np.full(p.shape, 2.0),
+            np.zeros(p.shape),
             tau,
             Bath(*(np.asarray(values[s]) for values in stages.bath)),
         )[-1]
-        flow = FlowMatrices.of(transport, x, tau, now, rates)
-        return Tangent(factorised(transport, acting, now, x, p, flow), flow)
+        change = FlowChange.of(transport, tau, now, rates)
+        return Tangent(factorised(transport, acting, now, x, p, change), change)
 
 
 def _solved(T, rhs, *, transposed=False):

@@ -68,9 +68,24 @@ class Transport:
         return made if is_traced(made) else jax.device_put(made)
 
     @functools.cached_property
+    def lists(self) -> list[tuple[np.ndarray, ...]]:
+        """Per block places, nodes, means and gradients, as `tangent.PatchFlow` has them; NumPy."""
+        blocks = zip(self.solvent.blocks, self.model.blocks, self.saddle.means, strict=True)
+        return [
+            (*map(np.asarray, (on.places, block.nodes, means)), _rows(on.dpsi), _rows(block.dphi))
+            for on, block, means in blocks
+        ]
+
+    @functools.cached_property
     def saddle(self) -> "Saddle":
         """The pattern of the matrix of a Newton step."""
         return saddle(self.problem.model.lists, self.wetted)
+
+
+def _rows(gradients):
+    """Gradients (c, q, b, 2) as matrices (c, 2q, b)."""
+    c, q, b, _ = gradients.shape
+    return np.ascontiguousarray(np.asarray(gradients).swapaxes(2, 3)).reshape(c, 2 * q, b)
 
 
 def transport(problem: Problem, wetted: tuple[str | int, ...], D: Scalar = 1.0) -> Transport:

@@ -31,6 +31,7 @@ from ..linalg import SingularTangent
 from ..mechanics import (
     Bath,
     Carried,
+    Flow,
     Linearisation,
     Problem,
     all_volumes,
@@ -48,10 +49,9 @@ from ..mechanics import (
     potentials,
     pressure_step,
     scatter,
-    volume_ratios,
 )
 from .problem import Transport
-from .tangent import FlowMatrices, Rates, Tangent, factorised
+from .tangent import FlowChange, Rates, Tangent, factorised
 
 BALANCE = 1e-12  # largest error of the balance of the solvent, over the solvent in the gel
 # correction of mu, over its size, after which the balance is as good as it gets: of a long stage
@@ -113,10 +113,12 @@ def solve_stage(
     x, p, m, matrix, before, iterations = start.x, start.pressure, start.m, None, np.inf, 0
     f, moved = len(transport.problem.free), np.inf
     while True:
-        acting = acting_problem(transport, m)
-        now = linearise(acting, x, p, acting_potential(transport, m))
-        missing, J, inflow, rates = balance_and_rates(transport, x, p, m, old, tau, bath)
-        missing, J, inflow = map(np.asarray, (missing, J, inflow))
+        mu = acting_potential(transport, m)
+        acting = transport.problem.at(mu)[0]
+        now = linearise(acting, x, p, mu)
+        J = np.asarray(now.ratios)[: len(old)]
+        missing, inflow, rates = balance_and_rates(transport, x, p, m, J - old, tau, bath)
+        missing, inflow = map(np.asarray, (missing, inflow))
         residual, violation = float(now.residual_norm), float(now.violation)
         balance = float(np.abs(missing).max() / solvent_in(transport, J))
         error = max(
@@ -142,8 +144,8 @@ def solve_stage(
             return found
         try:
             if matrix is None or error**2 > EXPECTED * before:
-                matrix, flow = None, FlowMatrices.of(transport, x, tau, now, rates)
-                matrix, at = Tangent(factorised(transport, acting, now, x, p, flow), flow), now
+                matrix, change = None, FlowChange.of(transport, tau, now, rates)
+                matrix, at = Tangent(factorised(transport, acting, now, x, p, change), change), now
         except SingularTangent:
             return dataclasses.replace(found, status=Status.SINGULAR)
         rhs = np.concatenate(
@@ -180,12 +182,12 @@ class Balance(NamedTuple):
 
     missing: Float[Array, " g"]
     """What the unknowns of mu miss, mm^2."""
-    ratios: Float[Array, " g"]
-    """Volume ratios."""
     inflow: Float[Array, " b"]
     """What comes in through each wetted part, mm^2 per unit of time."""
     carried: Carried
     """What mu moves."""
+    flow: Flow
+    """How it flows."""
 
 
 def balance(
@@ -193,25 +195,26 @@ def balance(
     x: Float[Array, "n 2"],
     p: Float[Array, " g"],
     m: Float[Array, " g"],
-    old: Float[Array, " g"],
+    growth: Float[Array, " g"],
     tau: Scalar,
     bath: Bath,
     *,
+    rates: bool = False,
     reverse: bool = False,
 ) -> Balance:
-    """`Balance` of a stage of length ``tau`` that began with the volume ratios ``old`` (g,).
+    """`Balance` of a stage of length ``tau`` in which the volume ratios grow by ``growth`` (g,).
 
-    Of transport in its ``shared`` form.
+    Of transport in its ``shared`` form; ``rates`` and ``reverse`` as of ``mechanics.flow``.
     """
     equations, solvent, D = transport.problem, transport.solvent, transport.D
     model, wet, mu = equations.model, solvent.wetting, potentials(m, equations.model)
-    J = volume_ratios(x, model)
     moving = carried(
         p, places(m, bath.mu, model, solvent), model, equations.gel, solvent, reverse=reverse
     )
-    leaving = flow(x, moving, model, solvent, D, reverse=reverse)
+    flowing = flow(x, moving, model, solvent, D, rates=rates, reverse=reverse)
+    leaving, count = flowing.leaving, len(model.carries)
     brought = layer_flow(
-        along_sides(x, model, solvent),
+        along_sides(flowing.squares, model, solvent),
         in_wet_groups(mu, solvent, -1.0),
         model,
         equations.gel,
@@ -219,43 +222,47 @@ def balance(
         bath,
         D,
     )
-    of_groups = leaving[: len(J)].at[wet.groups].add(-brought, mode="drop")
-    kept = jnp.where(model.carries, all_volumes(model) * axial_stretch(model) * (J - old), 0.0)
+    of_groups = leaving[:count].at[wet.groups].add(-brought, mode="drop")
+    kept = jnp.where(model.carries, all_volumes(model) * axial_stretch(model) * growth, 0.0)
     inflow = (
         jnp.zeros_like(bath.mu)
         .at[wet.node_parts]
-        .add(leaving[len(J) :])
+        .add(leaving[count:])
         .at[wet.group_parts]
         .add(brought)
     )
     going = linear_share(model, solvent, bath, D) * moments(
         jnp.where(model.carries, of_groups, 0.0), model
     )
-    return Balance(moments(kept, model) + tau * going, J, inflow, moving)
+    return Balance(moments(kept, model) + tau * going, inflow, moving, flowing)
 
 
-@program(x="n", p="g", m="g", old="g", returns=("g", "g", None, None))
+@program(x="n", p="g", m="g", growth="g", returns=("g", None, None))
 def balance_and_rates(
     problem: Transport,
     x: Float[Array, "n 2"],
     p: Float[Array, " g"],
     m: Float[Array, " g"],
-    old: Float[Array, " g"],
+    growth: Float[Array, " g"],
     tau: Scalar,
     bath: Bath,
-) -> tuple[Float[Array, " g"], Float[Array, " g"], Float[Array, " b"], Rates]:
-    """The parts of the `Balance` and, in place of what mu moves, the `Rates` of the flow."""
+) -> tuple[Float[Array, " g"], Float[Array, " b"], Rates]:
+    """What is missing in the `Balance`, the inflow, and the `Rates` of the flow."""
     equations, solvent = problem.problem, problem.solvent
-    found, model = balance(problem, x, p, m, old, tau, bath), equations.model
+    found, model = balance(problem, x, p, m, growth, tau, bath, rates=True), equations.model
 
     def layer(square, mu):
         return layer_flow(square, mu, model, equations.gel, solvent, bath, problem.D)
 
-    square, mu = along_sides(x, model, solvent), in_wet_groups(potentials(m, model), solvent, -1.0)
+    square, mu = (
+        along_sides(found.flow.squares, model, solvent),
+        in_wet_groups(potentials(m, model), solvent, -1.0),
+    )
     by_mu = jax.jvp(lambda mu: layer(square, mu), (mu,), (jnp.ones_like(square),))[1]
     by_square = jax.jvp(lambda square: layer(square, mu), (square,), (jnp.ones_like(square),))[1]
-    rates = Rates(found.carried, by_mu, by_square, linear_share(model, solvent, bath, problem.D))
-    return found.missing, found.ratios, found.inflow, rates
+    share = linear_share(model, solvent, bath, problem.D)
+    rates = Rates(found.carried.slopes, found.flow.rates, by_mu, by_square, share)
+    return found.missing, found.inflow, rates
 
 
 @program(J="g")

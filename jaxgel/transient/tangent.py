@@ -2,11 +2,11 @@
 
 About the positions and the unknowns of mu it is
 
-    [ K          -B^T            ]
-    [ -B - tau X -tau (A + A_M)  ]
+    [ K            -B^T            ]
+    [ -B - tau X   -tau (A + A_M)  ]
 
-see `stage`. The flow of each patch depends on mu at the patch's places and on the positions of its
-nodes, so that its derivatives are a matrix for each patch. NumPy.
+see `stage`. X and A are never made: products with them go through the quadrature points, as the
+flow itself does, see ``mechanics.FlowRates``. NumPy.
 """
 
 import dataclasses
@@ -15,16 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from .._programs import program
-from .._types import Array, Float
+from .._types import Array, Float, Int
 from ..linalg import Factor, factor
 from ..mechanics import (
-    Carried,
     FlowRates,
     Linearisation,
     Problem,
     axial_stretch,
-    flow_rates,
     tangent,
 )
 from .problem import Transport
@@ -35,137 +32,204 @@ MAX_ITERATIONS = 40  # of GMRES
 class Rates(NamedTuple):
     """How the flow changes with the state, in the sizes of the ``shared`` form."""
 
-    carried: Carried
-    """By mu and pressures."""
+    slopes: tuple
+    """Of `Carried`."""
+    points: FlowRates
+    """At the quadrature points."""
     layer: Float[Array, " e"]
-    """That of thin layers by the mu of their groups."""
+    """Of thin layers by the mu of their groups."""
     layer_by_square: Float[Array, " e"]
     """By the square of the stretch along the surface."""
     share: Float[Array, " g"]
     """That of the flow which works on the unknowns of mu."""
 
 
-@program(x="n")
-def _flow_rates(problem, x, now, rates):
-    return flow_rates(x, now, rates.carried, problem.model, problem.solvent, problem.D)
+@dataclasses.dataclass(frozen=True, eq=False)
+class PatchChange:
+    """How the solvent that leaves in a stage changes on the patches of a block; NumPy.
+
+    Index letters as in ``mechanics.solvent``; columns of ``at_points`` and ``stretches`` are the
+    components of a gradient at one quadrature point after the other.
+    """
+
+    places: Int[np.ndarray, "c b"]
+    """Places on which mu depends."""
+    nodes: Int[np.ndarray, "c a"]
+    """Nodes."""
+    means: Int[np.ndarray, " c"]
+    """Unknowns that are the mean of mu in each patch."""
+    gradients: Float[np.ndarray, "c d b"]
+    """Gradients of the shape functions of places, d = 2 q, 1/mm."""
+    stretches: Float[np.ndarray, "c d a"]
+    """Those of the shape functions of nodes."""
+    slopes: Float[np.ndarray, "c b"]
+    """Derivative of what mu moves by mu at places."""
+    rates: Float[np.ndarray, "c q 2 6"]
+    """Of the flow by the gradient of that, and by the deformation gradient; times tau."""
+    pressures: Float[np.ndarray, "c a 2"]
+    """Of the patch's mean pressure by nodal positions."""
+    thin: Float[np.ndarray, " e"]
+    """Of what thin layers take from wetted groups, by their mu; times tau."""
+    thin_by_position: Float[np.ndarray, "e a 2"]
+    """The same by nodal positions."""
+    sides: tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"]]
+    """Patches of these groups, and their places in the lists."""
+
+    def change(
+        self,
+        mu: Float[np.ndarray, " v"],
+        field: Float[np.ndarray, "n 2"],
+        v: Float[np.ndarray, " u"],
+    ) -> Float[np.ndarray, "c b"]:
+        """What leaves each place if ``mu`` at places, unknowns ``v`` and nodes change so."""
+        moved, (patch, place), mu = field[self.nodes], self.sides, mu[self.places]
+        raised = np.einsum("cai,cai->c", self.pressures, moved) - v[self.means]
+        # a product with two columns takes three times as long
+        parts = [self.gradients @ (self.slopes * (mu + raised[:, None]))[:, :, None]]
+        parts += [self.stretches @ moved[:, :, k, None] for k in range(2)]
+        c, q = self.rates.shape[:2]
+        given = np.concatenate([part.reshape(c, q, 2) for part in parts], axis=2)
+        flux = np.einsum("cqij,cqj->cqi", self.rates, given)
+        leaving = (flux.reshape(c, 1, 2 * q) @ self.gradients)[:, 0]
+        leaving[patch, place] -= self.thin * mu[patch, place] + np.einsum(
+            "eai,eai->e", self.thin_by_position, moved[patch]
+        )
+        return leaving
+
+    def transposed(
+        self, own: Float[np.ndarray, "c b"]
+    ) -> tuple[Float[np.ndarray, "c b"], Float[np.ndarray, "c a 2"], Float[np.ndarray, " c"]]:
+        """The transpose of `change` on the block's own places, nodes, and means."""
+        (c, q), (patch, place) = self.rates.shape[:2], self.sides
+        flux = (self.gradients @ own[:, :, None]).reshape(c, q, 2)
+        given = np.einsum("cqij,cqi->cqj", self.rates, flux)
+        by_gradient, *by_stretch = (
+            np.ascontiguousarray(given[:, :, 2 * k : 2 * k + 2]).reshape(c, 1, 2 * q)
+            for k in range(3)
+        )
+        mu = self.slopes * (by_gradient @ self.gradients)[:, 0]
+        raised = mu.sum(axis=1)
+        nodes = np.stack([(part @ self.stretches)[:, 0] for part in by_stretch], axis=2)
+        nodes += self.pressures * raised[:, None, None]
+        mu[patch, place] -= self.thin * own[patch, place]
+        np.subtract.at(nodes, patch, self.thin_by_position * own[patch, place][:, None, None])
+        return mu, nodes, -raised
+
+    @property
+    def entries(self) -> Float[np.ndarray, "c t"]:
+        """Entries a <= b of a symmetric matrix near the derivative of `change` by mu."""
+        c, q, b = *self.rates.shape[:2], self.places.shape[1]
+        scaled = (self.gradients * np.sqrt(self.slopes)[:, None]).reshape(c, q, 2, b)
+        flux = np.stack(
+            [
+                self.rates[:, :, i, 0, None] * scaled[:, :, 0]
+                + self.rates[:, :, i, 1, None] * scaled[:, :, 1]
+                for i in range(2)
+            ],
+            axis=2,
+        )
+        both = scaled.reshape(c, 2 * q, b).swapaxes(1, 2) @ flux.reshape(c, 2 * q, b)
+        row, column = np.triu_indices(b)
+        return both.reshape(c, b * b).take(b * row + column, axis=1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class FlowMatrices:
-    """Derivatives of the solvent that leaves in a stage, patch by patch, at its places, mm^2."""
+class FlowChange:
+    """How the solvent that leaves in a stage changes, mm^2."""
 
     transport: Transport
     """Of which problem."""
-    by_mu: list[Float[np.ndarray, "c b b"]]
-    """Per block, by mu at its places."""
-    by_position: list[Float[np.ndarray, "c b d"]]
-    """By the positions of its nodes, d = 2 a."""
-    by_mean: list[Float[np.ndarray, "c b"]]
-    """By the mean mu of its own groups."""
+    blocks: list[PatchChange]
+    """Per block, at its places."""
     share: Float[np.ndarray, " u"]
     """What of it works on the unknowns of mu."""
     entries: Float[np.ndarray, " s"]
     """Entries of a symmetric matrix near the derivative by mu, for ``Saddle.pairs``."""
 
     @classmethod
-    def of(
-        cls,
-        transport: Transport,
-        x: Float[Array, "n 2"],
-        tau: float,
-        now: Linearisation,
-        rates: Rates,
-    ) -> "FlowMatrices":
-        """Of a stage of length ``tau`` at ``x`` with the linearisation ``now`` and the `Rates`."""
-        saddle, solvent = transport.saddle, transport.solvent
-        found: FlowRates = _flow_rates(transport, x, now, rates)
+    def of(cls, transport: Transport, tau: float, now: Linearisation, rates: Rates) -> "FlowChange":
+        """Of a stage of length ``tau`` at the state of the linearisation ``now`` and `Rates`."""
+        saddle, wet = transport.saddle, transport.solvent.wetting
         layer, by_square = (tau * np.asarray(rate) for rate in (rates.layer, rates.layer_by_square))
-        directions = np.asarray(solvent.wetting.directions)
-        entries, parts = np.zeros(len(saddle.pairs) + 1), []
-        blocks = zip(
-            *found,
-            rates.carried.slopes,
+        stiffness = np.asarray(now.stiffness)
+        entries, blocks = np.zeros(len(saddle.pairs) + 1), []
+        for by_gradient, by_stretch, F, slopes, G, block, lists, slots, sides in zip(
+            *rates.points,
+            rates.slopes,
+            now.gradients,
             transport.model.blocks,
-            solvent.blocks,
+            transport.lists,
             saddle.slots,
             saddle.sides,
             strict=True,
-        )
-        for by_mu, by_position, by_mean, squares, slope, block, on_block, slots, (
-            number,
-            patch,
-            place,
-        ) in blocks:
-            (c, b), a = on_block.places.shape, block.nodes.shape[1]
-            mu, mean = (
-                tau * np.asarray(part)[(slice(c), *(slice(b),) * (part.ndim - 1))]
-                for part in (by_mu, by_mean)
+        ):
+            (c, b), (_, a), _, (_, d, _), stretches = *(part.shape for part in lists[:4]), lists[4]
+            q, (number, patch, place) = d // 2, sides
+            by_gradient, by_stretch, F = (
+                np.asarray(part)[:c, :q] for part in (by_gradient, by_stretch, F)
             )
-            root = np.sqrt(np.asarray(slope)[:c, :b])
-            low, high = np.triu_indices(b)
-            upper = mu[:, low, high] * (root[:, low] / np.where(root > 0, root, 1.0)[:, high])
-            entries += np.bincount(slots.ravel(), upper.ravel(), minlength=len(entries))
-            position = tau * np.asarray(by_position)[:c, :b, :a]
-            position[patch, place] -= by_square[number, None, None] * np.einsum(
-                "eakij,eij->eak", np.asarray(squares)[patch, :a], directions[number]
+            weight, groups = np.asarray(block.weight), np.asarray(block.groups)[:, : block.carrying]
+            weight = weight / weight.sum(axis=1, keepdims=True)
+            rate = stiffness[groups] / np.asarray(block.weight).sum(axis=1, keepdims=True)
+            square = np.einsum(
+                "eq,eqia,eqkj,eij->eak",
+                weight[patch],
+                stretches.reshape(c, q, 2, a)[patch],
+                F[patch],
+                np.asarray(wet.directions)[number],
+                optimize=True,
             )
-            mu[patch, place, place] -= layer[number]
-            parts.append((mu, position.reshape(c, b, 2 * a), mean))
+            change = PatchChange(
+                *lists,
+                np.asarray(slopes)[:c, :b],
+                tau * np.concatenate([by_gradient, by_stretch.reshape(c, q, 2, 4)], axis=3),
+                np.einsum("cg,cgia->cai", rate, np.asarray(G)[:c, : block.carrying, :, :a])
+                / float(axial_stretch(transport.model)),
+                layer[number],
+                2 * by_square[number, None, None] * square,
+                (patch, place),
+            )
+            entries += np.bincount(slots.ravel(), change.entries.ravel(), minlength=len(entries))
+            blocks.append(change)
         same = saddle.pairs[:, 0] == saddle.pairs[:, 1]
-        thin = np.zeros(len(transport.model.carries))
-        wet = np.asarray(solvent.wetting.groups)
-        thin[wet] = np.maximum(-layer[: len(wet)], 0.0)
+        thin, groups = np.zeros(len(transport.model.carries)), np.asarray(wet.groups)
+        thin[groups] = np.maximum(-layer[: len(groups)], 0.0)
         entries[:-1][same] += thin[saddle.pairs[same, 0]]
         share = np.asarray(rates.share)[saddle.groups]
-        return cls(transport, *map(list, zip(*parts, strict=True)), share, entries[:-1])
+        return cls(transport, blocks, share, entries[:-1])
 
     def change(
         self, field: Float[np.ndarray, "n 2"], v: Float[np.ndarray, " u"]
     ) -> Float[np.ndarray, " u"]:
         """Residual of mu by the flow if nodes move by ``field`` and the unknowns by ``v``."""
-        saddle, out = self.transport.saddle, np.zeros(self._count)
-        mu = np.concatenate([saddle.values @ v, np.zeros(self._count - saddle.values.shape[0])])
-        for places, nodes, by_mu, by_position, by_mean, mean in self._patches:
-            at = by_mu @ mu[places][:, :, None] + by_position @ field[nodes].reshape(
-                len(nodes), -1, 1
-            )
-            leaving = at[:, :, 0] + by_mean * v[mean][:, None]
-            out += np.bincount(places.ravel(), leaving.ravel(), minlength=self._count)
-        return self.share * (saddle.values.T @ out[: saddle.values.shape[0]])
+        values, out = self.transport.saddle.values, np.zeros(self._count)
+        mu = np.concatenate([values @ v, np.zeros(self._count - values.shape[0])])
+        for block in self.blocks:
+            leaving = block.change(mu, field, v)
+            out += np.bincount(block.places.ravel(), leaving.ravel(), minlength=self._count)
+        return self.share * (values.T @ out[: values.shape[0]])
 
     def transposed(
         self, w: Float[np.ndarray, " u"]
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " u"]]:
         """The transpose of `change`, of values ``w`` of the unknowns of mu."""
-        saddle, n = self.transport.saddle, self.transport.model.n_nodes
+        values, n = self.transport.saddle.values, self.transport.model.n_nodes
         mu, field, v = np.zeros(self._count), np.zeros(2 * n), np.zeros(len(w))
         of_places = np.concatenate(
-            [saddle.values @ (self.share * w), np.zeros(self._count - saddle.values.shape[0])]
+            [values @ (self.share * w), np.zeros(self._count - values.shape[0])]
         )
-        for places, nodes, by_mu, by_position, by_mean, mean in self._patches:
-            own = of_places[places][:, None]
-            mu += np.bincount(places.ravel(), (own @ by_mu).ravel(), minlength=self._count)
-            numbers = 2 * nodes[:, :, None] + np.arange(2)
-            field += np.bincount(numbers.ravel(), (own @ by_position).ravel(), minlength=2 * n)
-            v += np.bincount(mean, np.sum(own[:, 0] * by_mean, axis=1), minlength=len(w))
-        return field.reshape(n, 2), v + saddle.values.T @ mu[: saddle.values.shape[0]]
+        for block in self.blocks:
+            by_mu, by_node, by_mean = block.transposed(of_places[block.places])
+            mu += np.bincount(block.places.ravel(), by_mu.ravel(), minlength=self._count)
+            numbers = 2 * block.nodes[:, :, None] + np.arange(2)
+            field += np.bincount(numbers.ravel(), by_node.ravel(), minlength=2 * n)
+            v += np.bincount(block.means, by_mean, minlength=len(w))
+        return field.reshape(n, 2), v + values.T @ mu[: values.shape[0]]
 
     @property
     def _count(self):
         """Number of places."""
         return len(self.transport.model.carries) + len(self.transport.solvent.wetting.node_parts)
-
-    @property
-    def _patches(self):
-        transport = self.transport
-        lists = [
-            (on.places, block.nodes)
-            for on, block in zip(transport.solvent.blocks, transport.model.blocks, strict=True)
-        ]
-        parts = zip(
-            lists, self.by_mu, self.by_position, self.by_mean, transport.saddle.means, strict=True
-        )
-        return [(np.asarray(at), np.asarray(nodes), *rest) for (at, nodes), *rest in parts]
 
 
 def factorised(
@@ -174,7 +238,7 @@ def factorised(
     now: Linearisation,
     x: Float[Array, "n 2"],
     p: Float[Array, " g"],
-    flow: FlowMatrices,
+    flow: FlowChange,
 ) -> Factor:
     """Factor of the symmetric part about an iterate of the problem that is ``acting``.
 
@@ -200,7 +264,7 @@ class Tangent:
 
     made: Factor
     """Factor of its symmetric part."""
-    flow: FlowMatrices
+    flow: FlowChange
     """Derivatives of the flow."""
 
     def product(self, v: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
