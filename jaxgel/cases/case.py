@@ -142,7 +142,7 @@ class Case:
 
         ValueError for edges, a cloud or a support that the case does not allow. A plate whose holes
         have moved gets the cloud that it had before, placed, if that is good enough (see
-        `refreshed`) and a new one if it is not; ``cloud`` is that former one if it was made
+        `placed`) and a new one if it is not; ``cloud`` is that former one if it was made
         already.
         """
         check_edges(self.plate)
@@ -151,7 +151,7 @@ class Case:
         cloud = self.cloud() if cloud is None else cloud
         if self.plate.reference is not None:
             check_plate(self.plate)
-            cloud, _ = self.discretisation.refreshed(cloud, self.plate)
+            return self.discretisation.placed(cloud, self.plate)
         return self.discretisation.model(cloud)
 
     control = OldAttribute(instead="Case.problem(model).control")

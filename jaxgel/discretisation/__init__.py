@@ -19,7 +19,7 @@ from .moving_least_squares import (
 )
 from .neighbours import pad_nodes, pairs_in_reach, reaching_nodes
 from .options import DiscretisationOptions
-from .placement import SPENT, Quality, cell_sizes, quality, refreshed
+from .placement import SPENT, Quality, cell_sizes, placed, quality, refreshed
 from .pressures import SIGNS, group_weights, n_carrying
 from .probes import (
     MIDLINE_POINTS,
@@ -67,6 +67,7 @@ __all__ = [
     "numbered",
     "pad_nodes",
     "pairs_in_reach",
+    "placed",
     "plate_edge_ends",
     "quality",
     "reaching_nodes",

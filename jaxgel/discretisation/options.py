@@ -7,7 +7,7 @@ from ..cloud import Cloud, make_cloud
 from ..geometry import Plate
 from .model import Model, discretise
 from .moving_least_squares import BASES
-from .placement import quality, refreshed
+from .placement import placed, quality, refreshed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +46,10 @@ class DiscretisationOptions:
         It is empty if the cloud is not new.
         """
         return refreshed(cloud, plate, basis=self.basis, dmax=self.dmax)
+
+    def placed(self, cloud: Cloud, plate: Plate) -> Model:
+        """`placed` with these options: the model of a moved plate."""
+        return placed(cloud, plate, basis=self.basis, dmax=self.dmax)
 
     def carries(self, cloud: Cloud, plate: Plate) -> bool:
         """Whether `refreshed` keeps the ``cloud`` for a moved plate."""

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from .._validation import Inadmissible
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate, reference_plate
-from .model import DMAX, discretise
+from .model import DMAX, Model, discretise
 
 SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was made
 SPENT = 0.2  # the same for a cloud that may yet serve a single trial design
@@ -82,9 +82,14 @@ def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None
 
     It needs concrete positions.
     """
+    return _graded(cloud, basis, dmax)[0]
+
+
+def _graded(cloud, basis, dmax):
+    """The `quality`, and the model by which it was found, None without."""
     topology, sizes, dmax = cloud.topology, cell_sizes(cloud), DMAX if dmax is None else dmax
     if not sizes[0] > 0:
-        return Quality(*sizes)
+        return Quality(*sizes), None
     quadrature, before, now = (
         topology.quadrature,
         topology.partition.vertices,
@@ -104,13 +109,13 @@ def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None
     listed = np.linalg.norm(points[0][i] - nodes[0][j], axis=1) < support[j]
     depth = np.where(listed, 0.0, (support[j] - near["v"]) / topology.node_spacing[j])
     try:
-        blocks = discretise(cloud, basis=basis, dmax=dmax).blocks
+        model = discretise(cloud, basis=basis, dmax=dmax)
     except Inadmissible as problem:
-        return Quality(*sizes, float(depth.max(initial=0.0)), refused=str(problem))
-    steepest = max(float(np.abs(np.asarray(block.dphi)).max()) for block in blocks) * float(
+        return Quality(*sizes, float(depth.max(initial=0.0)), refused=str(problem)), None
+    steepest = max(float(np.abs(np.asarray(block.dphi)).max()) for block in model.blocks) * float(
         topology.node_spacing.min()
     )
-    return Quality(*sizes, float(depth.max(initial=0.0)), steepest)
+    return Quality(*sizes, float(depth.max(initial=0.0)), steepest), model
 
 
 def refreshed(
@@ -126,10 +131,24 @@ def refreshed(
     # refuses a plate without values
     own = reference_plate(dataclasses.replace(values, reference=None))
     fault = quality(cloud.at(values), basis=basis, dmax=dmax).fault
-    if not fault:
-        return cloud.at(plate), ""
-    asked = {
-        name: getattr(cloud.topology, name) for name in ("spacing", "nodes_per_hole", "across")
-    }
-    fresh = make_cloud(own, **asked)
-    return fresh.at(plate), fault
+    return (_renewed(cloud, own) if fault else cloud).at(plate), fault
+
+
+def _renewed(cloud, plate):
+    """A new cloud for the plate, made as the other one was."""
+    asked = ("spacing", "nodes_per_hole", "across")
+    return make_cloud(plate, **{name: getattr(cloud.topology, name) for name in asked})
+
+
+def placed(
+    cloud: Cloud, plate: Plate, *, basis: str = "quadratic", dmax: float | None = None
+) -> Model:
+    """The model of ``plate``, of numbers, on the cloud that `refreshed` gives.
+
+    It costs no more than the quality alone, which is that of the model.
+    """
+    own = reference_plate(dataclasses.replace(plate, reference=None))
+    found, model = _graded(cloud.at(plate), basis, dmax)
+    if model is None or found.fault:
+        return discretise(_renewed(cloud, own).at(plate), basis=basis, dmax=dmax)
+    return model

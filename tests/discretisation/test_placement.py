@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.discretisation import Quality, quality, refreshed
+from jaxgel.discretisation import Quality, placed, quality, refreshed
 
 MU = [-3.0, -2.0, -1.5]
 
@@ -71,6 +71,15 @@ def test_small_motion_keeps_the_cloud_and_large_motion_makes_a_new_one(cloud):
         cloud.topology.nodes_per_hole,
     )
     np.testing.assert_allclose(quality(far).smallest_cell, 1.0)
+
+
+@pytest.mark.parametrize("axes", [(5.05, 4.0), (4.5, 3.4)])
+def test_a_placed_model_is_that_of_the_refreshed_cloud(cloud, axes):
+    plate = moved(cloud.plate, axes)
+    model, (own, reason) = placed(cloud, plate), refreshed(cloud, plate)
+    assert (model.cloud.topology is cloud.topology) == (reason == "")
+    for found, block in zip(model.blocks, jaxgel.discretise(own).blocks, strict=True):
+        np.testing.assert_array_equal(found.dphi, block.dphi)
 
 
 @pytest.mark.slow
