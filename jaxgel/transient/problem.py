@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -9,7 +10,7 @@ import scipy.sparse as sp
 
 from .._memo import once_per_owner
 from .._tracing import is_traced
-from .._types import Bool, Int, Scalar
+from .._types import Bool, Float, Int, Scalar
 from ..discretisation import Body, Connectivity
 from ..linalg import Pattern, analyse
 from ..mechanics import (
@@ -25,6 +26,24 @@ from ..mechanics import (
     unknowns,
     wetted_groups,
 )
+
+
+class PatchLists(NamedTuple):
+    """Places and nodes of the patches of a block, and gradients at their points; NumPy.
+
+    Rows of the gradients are the components at one quadrature point after the other, d = 2 q.
+    """
+
+    places: Int[np.ndarray, "c b"]
+    """Places on which mu depends."""
+    nodes: Int[np.ndarray, "c a"]
+    """Nodes."""
+    means: Int[np.ndarray, " c"]
+    """Unknowns that are the mean of mu in each patch."""
+    gradients: Float[np.ndarray, "c d b"]
+    """Gradients of the shape functions of places, 1/mm."""
+    stretches: Float[np.ndarray, "c d a"]
+    """Those of nodes."""
 
 
 @functools.partial(
@@ -68,11 +87,14 @@ class Transport:
         return made if is_traced(made) else jax.device_put(made)
 
     @functools.cached_property
-    def lists(self) -> list[tuple[np.ndarray, ...]]:
-        """Per block places, nodes, means and gradients, as `tangent.PatchFlow` has them; NumPy."""
+    def lists(self) -> list[PatchLists]:
+        """Per block what the patches know of."""
         blocks = zip(self.solvent.blocks, self.model.blocks, self.saddle.means, strict=True)
         return [
-            (*map(np.asarray, (on.places, block.nodes, means)), _rows(on.dpsi), _rows(block.dphi))
+            PatchLists(
+                *map(np.asarray, (on.places, block.nodes, means)),
+                *map(_rows, (on.dpsi, block.dphi)),
+            )
             for on, block, means in blocks
         ]
 

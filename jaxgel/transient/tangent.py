@@ -24,7 +24,7 @@ from ..mechanics import (
     axial_stretch,
     tangent,
 )
-from .problem import Transport
+from .problem import PatchLists, Transport
 
 MAX_ITERATIONS = 40  # of GMRES
 
@@ -46,22 +46,10 @@ class Rates(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PatchChange:
-    """How the solvent that leaves in a stage changes on the patches of a block; NumPy.
+    """How the solvent that leaves in a stage changes on the patches of a block; NumPy."""
 
-    Index letters as in ``mechanics.solvent``; columns of ``at_points`` and ``stretches`` are the
-    components of a gradient at one quadrature point after the other.
-    """
-
-    places: Int[np.ndarray, "c b"]
-    """Places on which mu depends."""
-    nodes: Int[np.ndarray, "c a"]
-    """Nodes."""
-    means: Int[np.ndarray, " c"]
-    """Unknowns that are the mean of mu in each patch."""
-    gradients: Float[np.ndarray, "c d b"]
-    """Gradients of the shape functions of places, d = 2 q, 1/mm."""
-    stretches: Float[np.ndarray, "c d a"]
-    """Those of the shape functions of nodes."""
+    lists: PatchLists
+    """What the patches know of."""
     slopes: Float[np.ndarray, "c b"]
     """Derivative of what mu moves by mu at places."""
     rates: Float[np.ndarray, "c q 2 6"]
@@ -82,15 +70,15 @@ class PatchChange:
         v: Float[np.ndarray, " u"],
     ) -> Float[np.ndarray, "c b"]:
         """What leaves each place if ``mu`` at places, unknowns ``v`` and nodes change so."""
-        moved, (patch, place), mu = field[self.nodes], self.sides, mu[self.places]
-        raised = np.einsum("cai,cai->c", self.pressures, moved) - v[self.means]
+        moved, (patch, place), mu = field[self.lists.nodes], self.sides, mu[self.lists.places]
+        raised = np.einsum("cai,cai->c", self.pressures, moved) - v[self.lists.means]
         # a product with two columns takes three times as long
-        parts = [self.gradients @ (self.slopes * (mu + raised[:, None]))[:, :, None]]
-        parts += [self.stretches @ moved[:, :, k, None] for k in range(2)]
+        parts = [self.lists.gradients @ (self.slopes * (mu + raised[:, None]))[:, :, None]]
+        parts += [self.lists.stretches @ moved[:, :, k, None] for k in range(2)]
         c, q = self.rates.shape[:2]
         given = np.concatenate([part.reshape(c, q, 2) for part in parts], axis=2)
         flux = np.einsum("cqij,cqj->cqi", self.rates, given)
-        leaving = (flux.reshape(c, 1, 2 * q) @ self.gradients)[:, 0]
+        leaving = (flux.reshape(c, 1, 2 * q) @ self.lists.gradients)[:, 0]
         leaving[patch, place] -= self.thin * mu[patch, place] + np.einsum(
             "eai,eai->e", self.thin_by_position, moved[patch]
         )
@@ -101,15 +89,15 @@ class PatchChange:
     ) -> tuple[Float[np.ndarray, "c b"], Float[np.ndarray, "c a 2"], Float[np.ndarray, " c"]]:
         """The transpose of `change` on the block's own places, nodes, and means."""
         (c, q), (patch, place) = self.rates.shape[:2], self.sides
-        flux = (self.gradients @ own[:, :, None]).reshape(c, q, 2)
+        flux = (self.lists.gradients @ own[:, :, None]).reshape(c, q, 2)
         given = np.einsum("cqij,cqi->cqj", self.rates, flux)
         by_gradient, *by_stretch = (
             np.ascontiguousarray(given[:, :, 2 * k : 2 * k + 2]).reshape(c, 1, 2 * q)
             for k in range(3)
         )
-        mu = self.slopes * (by_gradient @ self.gradients)[:, 0]
+        mu = self.slopes * (by_gradient @ self.lists.gradients)[:, 0]
         raised = mu.sum(axis=1)
-        nodes = np.stack([(part @ self.stretches)[:, 0] for part in by_stretch], axis=2)
+        nodes = np.stack([(part @ self.lists.stretches)[:, 0] for part in by_stretch], axis=2)
         nodes += self.pressures * raised[:, None, None]
         mu[patch, place] -= self.thin * own[patch, place]
         np.subtract.at(nodes, patch, self.thin_by_position * own[patch, place][:, None, None])
@@ -118,8 +106,8 @@ class PatchChange:
     @property
     def entries(self) -> Float[np.ndarray, "c t"]:
         """Entries a <= b of a symmetric matrix near the derivative of `change` by mu."""
-        c, q, b = *self.rates.shape[:2], self.places.shape[1]
-        scaled = (self.gradients * np.sqrt(self.slopes)[:, None]).reshape(c, q, 2, b)
+        c, q, b = *self.rates.shape[:2], self.lists.places.shape[1]
+        scaled = (self.lists.gradients * np.sqrt(self.slopes)[:, None]).reshape(c, q, 2, b)
         flux = np.stack(
             [
                 self.rates[:, :, i, 0, None] * scaled[:, :, 0]
@@ -163,27 +151,30 @@ class FlowChange:
             saddle.sides,
             strict=True,
         ):
-            (c, b), (_, a), _, (_, d, _), stretches = *(part.shape for part in lists[:4]), lists[4]
-            q, (number, patch, place) = d // 2, sides
+            (c, b), a, q = lists.places.shape, lists.nodes.shape[1], lists.gradients.shape[1] // 2
             by_gradient, by_stretch, F = (
                 np.asarray(part)[:c, :q] for part in (by_gradient, by_stretch, F)
             )
+            number, patch, place = sides
             weight, groups = np.asarray(block.weight), np.asarray(block.groups)[:, : block.carrying]
-            weight = weight / weight.sum(axis=1, keepdims=True)
-            rate = stiffness[groups] / np.asarray(block.weight).sum(axis=1, keepdims=True)
+            volume = weight.sum(axis=1, keepdims=True)
             square = np.einsum(
                 "eq,eqia,eqkj,eij->eak",
-                weight[patch],
-                stretches.reshape(c, q, 2, a)[patch],
+                (weight / volume)[patch],
+                lists.stretches[patch].reshape(-1, q, 2, a),
                 F[patch],
                 np.asarray(wet.directions)[number],
                 optimize=True,
             )
             change = PatchChange(
-                *lists,
+                lists,
                 np.asarray(slopes)[:c, :b],
                 tau * np.concatenate([by_gradient, by_stretch.reshape(c, q, 2, 4)], axis=3),
-                np.einsum("cg,cgia->cai", rate, np.asarray(G)[:c, : block.carrying, :, :a])
+                np.einsum(
+                    "cg,cgia->cai",
+                    stiffness[groups] / volume,
+                    np.asarray(G)[:c, : block.carrying, :, :a],
+                )
                 / float(axial_stretch(transport.model)),
                 layer[number],
                 2 * by_square[number, None, None] * square,
@@ -206,7 +197,7 @@ class FlowChange:
         mu = np.concatenate([values @ v, np.zeros(self._count - values.shape[0])])
         for block in self.blocks:
             leaving = block.change(mu, field, v)
-            out += np.bincount(block.places.ravel(), leaving.ravel(), minlength=self._count)
+            out += np.bincount(block.lists.places.ravel(), leaving.ravel(), minlength=self._count)
         return self.share * (values.T @ out[: values.shape[0]])
 
     def transposed(
@@ -219,11 +210,11 @@ class FlowChange:
             [values @ (self.share * w), np.zeros(self._count - values.shape[0])]
         )
         for block in self.blocks:
-            by_mu, by_node, by_mean = block.transposed(of_places[block.places])
-            mu += np.bincount(block.places.ravel(), by_mu.ravel(), minlength=self._count)
-            numbers = 2 * block.nodes[:, :, None] + np.arange(2)
+            by_mu, by_node, by_mean = block.transposed(of_places[block.lists.places])
+            mu += np.bincount(block.lists.places.ravel(), by_mu.ravel(), minlength=self._count)
+            numbers = 2 * block.lists.nodes[:, :, None] + np.arange(2)
             field += np.bincount(numbers.ravel(), by_node.ravel(), minlength=2 * n)
-            v += np.bincount(block.means, by_mean, minlength=len(w))
+            v += np.bincount(block.lists.means, by_mean, minlength=len(w))
         return field.reshape(n, 2), v + values.T @ mu[: values.shape[0]]
 
     @property

@@ -185,7 +185,7 @@ def test_jit_and_second_derivatives_are_refused(pillars_model):
         jax.grad(jax.grad(critical_mu))(1e-4)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_numbers_beside_the_critical_value_refuse_derivatives(pillars_model, point):
     """Its slope, state and modes are found outside of JAX.
 

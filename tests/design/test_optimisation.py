@@ -372,7 +372,7 @@ def test_gap_is_the_one_that_min_gap_reports(path):
     np.testing.assert_allclose(gaps.gap(path), jaxgel.min_gap(path), rtol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_search_meets_its_constraints_and_beats_its_start(problem):
     design = optimise(problem, evaluations=4)
     first = design.history[0]["value"]

@@ -73,7 +73,7 @@ def test_a_pressed_block_has_the_stress_of_uniform_compression(pressed):
     np.testing.assert_allclose(force[:, 0, 0], 0.0, atol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_force_is_the_derivative_of_the_energy_by_the_punch(pressed):
     """By the derivative rule of the sweep, which moves the state with the punch.
 
