@@ -54,6 +54,7 @@ from .problem import Transport
 from .tangent import FlowChange, Rates, Tangent, factorised
 
 BALANCE = 1e-12  # largest error of the balance of the solvent, over the solvent in the gel
+WHOLE = 4.0  # times as much the errors on all unknowns may be together
 # correction of mu, over its size, after which the balance is as good as it gets: of a long stage
 # less than BALANCE
 ROUND_OFF = 1e-13
@@ -120,7 +121,10 @@ def solve_stage(
         missing, inflow, rates = balance_and_rates(transport, x, p, m, J - old, tau, bath)
         missing, inflow = map(np.asarray, (missing, inflow))
         residual, violation = float(now.residual_norm), float(now.violation)
-        balance = float(np.abs(missing).max() / solvent_in(transport, J))
+        whole = sum(
+            missing[transport.saddle.groups[means]].sum() for means in transport.saddle.means
+        )
+        balance = float(max(np.abs(missing).max(), abs(whole) / WHOLE) / solvent_in(transport, J))
         error = max(
             residual / newton.tolerance,
             violation / newton.constraint_tolerance,
