@@ -187,15 +187,6 @@ def pressure_change(
     return linearisation.stiffness * of_groups(parts, model) / jnp.where(volumes > 0, volumes, 1.0)
 
 
-def pressure_rates(linearisation: Linearisation, model: Body) -> list[Float[Array, "c g 2 a"]]:
-    """Per block derivatives (c, g, 2, a) of `pressure_change` by nodal positions."""
-    volumes = all_volumes(model)
-    rates = by_block(linearisation.stiffness / jnp.where(volumes > 0, volumes, 1.0), model)
-    return [
-        rate[..., None, None] * G for rate, G in zip(rates, linearisation.gradients, strict=True)
-    ]
-
-
 def state_pressure(
     x: Float[Array, "n 2"], model: Body, gel: LocalGel, mu: Chemical
 ) -> Float[Array, " g"]:
