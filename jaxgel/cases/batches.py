@@ -3,11 +3,12 @@
 The program makes model and problem of each point on the cloud of the study's own plate, sweeps it
 and, if asked, differentiates its last state. It serves points that this cloud can carry, with the
 states that `sweep` finds inside ``jax.jit`` (see docs/howto/many.md): all others are left to the
-host's sweep.
+host's sweep. A batch whose points have symmetries in common is swept on a region of the plate.
 """
 
 import dataclasses
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -18,7 +19,7 @@ from jax.sharding import Mesh, PartitionSpec
 from .._types import Float
 from ..bifurcation import sweep_by_options
 from ..cloud import Cloud
-from ..continuation import SCALARS, Path
+from ..continuation import SCALARS, Path, group_of_sweep
 from ..equilibrium import Status
 from ..geometry import check_plate
 from ..mechanics import Problem
@@ -96,16 +97,7 @@ class Batches:
         problem = study.case.problem(self._model).prepared
         self.size = _room(problem, devices[0]) * len(devices)
         self._names = _known(problem) if study.gradients else []
-        over = PartitionSpec("points")
-        self._program = jax.jit(
-            jax.shard_map(
-                jax.vmap(self._sheet),
-                mesh=Mesh(np.array(devices), ("points",)),
-                in_specs=over,
-                out_specs=over,
-                check_vma=False,
-            )
-        )
+        self._programs: dict[tuple[str, ...], Callable] = {}
 
     def swept(self, points: dict[int, dict]) -> Iterator[dict[int, BatchPoint | None]]:
         """The points, number -> values, batch after batch; None if the host has to sweep one.
@@ -122,7 +114,7 @@ class Batches:
             yield self._batch(points, ready)
 
     def _placed(self, values):
-        """Case and problem of a point; None if the host has to look at it."""
+        """Case, problem and symmetries of a point; None if the host has to look at it."""
         try:
             case = self.study.at(values)
             cloud, options = self.cloud, case.discretisation
@@ -131,7 +123,8 @@ class Batches:
                 if not options.carries(cloud, case.plate):
                     return None
                 cloud = cloud.at(case.plate)
-            return case, case.problem(options.model(cloud))
+            problem = case.problem(options.model(cloud))
+            return case, problem, group_of_sweep(problem, case.sweep.symmetry)
         except (ValueError, ArithmeticError):
             return None  # the host says why
 
@@ -148,23 +141,41 @@ class Batches:
             for name in points[numbers[0]]
         }
         values = np.stack([ready[number][0].sweep.numbers for number in chosen])
-        columns, rows = self._run(given, values)
+        groups = [ready[number][2] for number in numbers]
+        program = self._program_for(
+            tuple(name for name in groups[0] if all(name in group for group in groups))
+        )
+        columns, rows = self._run(program, given, values)
         for k, number in enumerate(numbers):
             if np.all(columns["status"][k] == Status.CONVERGED):
-                case, problem = ready[number]
+                case, problem, _ = ready[number]
                 path = _path(problem, {name: column[k] for name, column in columns.items()})
                 found[number] = BatchPoint(case, path, self._jacobian(path, rows[k]))
         return found
 
-    def _run(self, given, values):
+    def _program_for(self, group):
+        """The program that sweeps points with a ``group`` of symmetries."""
+        if group not in self._programs:
+            sheet = functools.partial(self._sheet, NAMES[group] if group else "off")
+            over = PartitionSpec("points")
+            self._programs[group] = jax.jit(
+                jax.shard_map(
+                    jax.vmap(sheet),
+                    mesh=Mesh(np.array(self.devices), ("points",)),
+                    in_specs=over,
+                    out_specs=over,
+                    check_vma=False,
+                )
+            )
+        return self._programs[group]
+
+    def _run(self, program, given, values):
         """Columns of all points, and derivatives; of fewer at a time if memory is exhausted."""
         size = self.size
         try:
             parts = [
                 jax.device_get(
-                    self._program(
-                        *jax.tree.map(lambda array, k=k: array[k : k + size], (given, values))
-                    )
+                    program(*jax.tree.map(lambda array, k=k: array[k : k + size], (given, values)))
                 )
                 for k in range(0, len(values), size)
             ]
@@ -172,16 +183,17 @@ class Batches:
             if "RESOURCE_EXHAUSTED" not in str(problem) or size // 2 < len(self.devices):
                 raise
             self.size = size // 2
-            return self._run(given, values)
+            return self._run(program, given, values)
         return jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
 
-    def _sheet(self, point, values):
+    def _sheet(self, symmetry, point, values):
         """The columns of a point's path, and the derivatives (r, d) of its last state."""
         study = self.study
+        options = dataclasses.replace(study.case.sweep, symmetry=symmetry)
 
         def last(point):
             problem = problem_at(study, point, self._model)
-            path = sweep_by_options(problem, study.case.sweep, values=values)
+            path = sweep_by_options(problem, options, values=values)
             columns = {name: getattr(path, name) for name in COLUMNS}
             columns["symmetry"] = jnp.array([GROUPS.index(name) for name in path.symmetry])
             return [QUANTITIES[name].function(path)[-1] for name in self._names], columns

@@ -4,9 +4,10 @@ A study's folder holds best.toml (a case), verified.json, design.png (unless fig
 design.json, the log of the search. A field that was found is in best.toml, a number for each pixel,
 and in Nv.png or chi.png, black at its lower bound and white at its upper one; verified.json and
 starts.csv leave its numbers out. With several ``starts`` in [search], starts.json (the study and
-all start values), starts.csv (the table of optima, one row for each start) and a folder for each
-search, starts/001, 002 ..., take the place of design.json; such a folder has the search's own
-design.json and, once it has ended, start.json. Start 1 has the study's own values. The others are
+all start values), starts.csv (the table of optima, one row for each start), optima.png (its
+picture, unless figures are off) and a folder for each search, starts/001, 002 ..., take the place
+of design.json; such a folder has the search's own design.json and, once it has ended, start.json.
+Start 1 has the study's own values. The others are
 the first points of a scrambled Sobol sequence within the bounds whose plates can be made and meet
 the constraints on the dry plate.
 
@@ -43,7 +44,7 @@ from .parameters import components, sobol
 from .study import Study, study_from_table
 from .toml import case_text, explicit
 
-VERIFIED, OPTIMA = "verified.json", "starts.csv"
+VERIFIED, OPTIMA, PICTURE = "verified.json", "starts.csv", "optima.png"
 STARTS, START = "starts.json", "start.json"
 FORMAT = 1  # of starts.json and start.json
 DRAWS = 50  # points of the sequence, for each start, among which valid plates are looked for
@@ -182,6 +183,8 @@ def _best_of_starts(study, folder, executor, resume, quiet):
             f"search.starts: none of {len(starts)} is a valid design; start 1: "
             f"{results[1]['reason']}; see {folder / OPTIMA}"
         )
+    if study.case.output.figures:
+        _draw_optima(study.problem, results, folder)
     found = dict(results[best]["design"])
     found |= dict(
         outcome=Outcome(found["outcome"]),
@@ -286,6 +289,28 @@ def _write_table(problem, starts, results, folder):
         [*COLUMNS, *(f"start_{name}" for name in names), *(f"best_{name}" for name in names)],
         rows,
     )
+
+
+def _draw_optima(problem, results, folder):
+    """optima.png: the best designs of all searches that have one; fields are left out."""
+    from ..plotting import draw_optima
+
+    designs = [result["design"] for _, result in sorted(results.items()) if result["design"]]
+    lower, upper = (
+        components({name: sides[end] for name, sides in problem.bounds.items()}) for end in (0, 1)
+    )
+    if not lower:
+        return
+    low, high = np.array(list(lower.values())), np.array(list(upper.values()))
+    found = np.array([list(components(design["parameters"]).values()) for design in designs])
+    figure = draw_optima(
+        list(lower),
+        (found - low) / (high - low),
+        np.array([design["value"] for design in designs]),
+        np.array([design["history"][0]["value"] for design in designs], dtype=float),
+        np.array([design["feasible"] for design in designs]),
+    )
+    write_atomically(folder / PICTURE, lambda stream: figure.savefig(stream, format="png"))
 
 
 def _verified(study, design, folder):

@@ -5,6 +5,7 @@ from .autodiff import IllPosedDerivative, warn_of_ill_posed
 from .eigenvalue import lowest_eigenvalue
 from .first import SweepFailed, first_state_failed
 from .follow import BRANCHES, Followed, Following
+from .frames import group_of_sweep
 from .options import SweepOptions, check_sweep
 from .path import OF_SOLVENT, SCALARS, Path, check_is_path
 from .predictor import extrapolated, predict
@@ -37,6 +38,7 @@ __all__ = [
     "extrapolated",
     "first_state_failed",
     "given_values",
+    "group_of_sweep",
     "lowest_eigenvalue",
     "oriented",
     "padded_columns",

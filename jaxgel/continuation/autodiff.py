@@ -20,15 +20,11 @@ from ..linalg import RECENT_FACTORS
 from ..mechanics import Problem, shared_tangents, state_pressure, total_energy, touching_tangents
 from ..symmetry import NAMES
 from .follow import Followed, Following
+from .frames import group_of_sweep
 from .options import check_sweep
 from .path import Path
 from .steps import Adaptive
-from .traced import (
-    SymmetricPlate,
-    check_for_program,
-    pattern_in_program,
-    states_in_program,
-)
+from .traced import check_for_program, pattern_in_program, states_in_program
 from .traced_search import RESIDUAL, TracedSearch, padded_columns
 
 # what is a function of the states: its axes
@@ -74,9 +70,9 @@ def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
         (problem.replace(operators=None), given),
         dataclasses.replace(options, eigenvalues=True),
     )
-    concrete, own = jax.tree.map(differentiated_value, inputs), None
-    if is_traced(concrete) and options.symmetry == "auto":
-        own = SymmetricPlate.of(concrete[0])
+    concrete, own = jax.tree.map(differentiated_value, inputs), ()
+    if is_traced(concrete):
+        own = group_of_sweep(concrete[0], options.symmetry)
     search, floats = TracedSearch.of(inputs, (ends, options, own), INSIDE_JIT)
     x, report = _states(search, floats)
     value = report["value"] if ends else given
@@ -88,7 +84,7 @@ def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
             for name in OF_STATES
         }
         x = jnp.where(ok[:, None, None], x, jnp.nan)
-        found = {"symmetry": (NAMES[own.group if own else ()],) * len(value)}
+        found = {"symmetry": (NAMES[own],) * len(value)}
     report = {name: column for name, column in report.items() if name not in ("operators", "value")}
     return Path(problem=problem, value=value, x=x, **report, **found)
 

@@ -35,13 +35,13 @@ from ..linalg import SingularTangent
 from ..materials import gel_in_groups, rises_always
 from ..mechanics import Problem, all_volumes, restrict, volume_ratios
 from .first import first_state, first_state_failed
-from .frames import Frames
+from .frames import GROUPS, Frames
 from .predictor import predict, same_branch
 from .steps import STEP_CONTROL, Adaptive, StepControl, adaptive, given_values
 from .switching import stable_state
 
 BRANCHES = ("stable", "symmetric")
-SYMMETRY = ("auto", "off")
+SYMMETRY = ("auto", "off", *GROUPS)
 MOSTLY = 0.5  # of a step's energy in the network
 SAYS_NOTHING = 1e-6  # of a step along a mode: what is predicted of it and smaller may be round-off
 
@@ -55,7 +55,7 @@ class Following:
     symmetry: str = "auto"
     """Use of symmetry: "auto" for a fundamental region, or "off" for the whole plate.
 
-    It concerns symmetric states.
+    It concerns symmetric states. Or the name of a group: that of the region.
     """
     eigenvalues: bool = False
     """Whether lowest eigenvalue and mode are computed at all states.
@@ -101,9 +101,7 @@ class Followed:
         snap = options.steps.snap * min(
             [problem.control.scale, *[float(np.ptp(numbers))] * options.jumps]
         )
-        attempt = functools.partial(
-            next_state, Frames(problem, symmetry=options.symmetry == "auto"), options, snap
-        )
+        attempt = functools.partial(next_state, Frames(problem, options.symmetry), options, snap)
         self._steps = steps(attempt, values, list(before), options.steps)
         self._problem, self._first, self._accepted = problem, numbers[0], options.observer.accepted
         self.stop, self.value = Status.INTERRUPTED, float("nan")

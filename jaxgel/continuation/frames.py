@@ -12,13 +12,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float
+from .._validation import Inadmissible
 from ..equilibrium import Stability, State, linearised, with_own_factor
 from ..linalg import BlockFactor, Diagonal, factor, network_matrix
 from ..mechanics import Problem, couplings, restrict, scatter, tangent, unknowns, with_free_values
 from ..symmetry import (
     NAMES,
     Region,
+    are_places_known,
     bases,
+    possible_symmetries,
     region,
     symmetries_of,
     symmetries_of_field,
@@ -27,6 +30,7 @@ from ..symmetry import (
 from .predictor import rate_of_change
 from .stability import StabilityAnalysis, stability_of_factor
 
+GROUPS = {name: group for group, name in NAMES.items() if group}
 ROUND_OFF = 1e-6  # part of a mode's size, squared, in a block to which it does not belong
 
 
@@ -197,20 +201,33 @@ class RegionFrame(Frame):
         )
 
 
-def group_of_sweep(problem: Problem) -> tuple[str, ...]:
-    """The symmetries that a sweep of a problem uses.
+def group_of_sweep(problem: Problem, symmetry: str) -> tuple[str, ...]:
+    """The symmetries that a sweep of a problem uses: those it has, or of a group by its name.
 
-    None with obstacles, or if a control moves edges or loads.
+    None for "off", with obstacles, or if a control moves edges or loads. ValueError for a group
+    that the problem has not. If its numbers are traced it is taken to have those of its cloud.
     """
+    if symmetry == "off":
+        return ()
     changes, obstacles = problem.changes, problem.model.cloud.plate.obstacles
-    return () if changes.edges or changes.loads or obstacles else symmetries_of(problem)
+    broken = changes.edges or changes.loads or obstacles
+    if symmetry == "auto":
+        return () if broken else symmetries_of(problem)
+    known = symmetries_of if are_places_known(problem) else possible_symmetries
+    group, has = GROUPS[symmetry], () if broken else known(problem)
+    if not set(group) <= set(has):
+        raise Inadmissible(
+            f"symmetry: {symmetry!r} is not accepted, plate, gel, loads and control have "
+            f"{NAMES.get(has, 'C1')}; give 'auto' or 'off'"
+        )
+    return group
 
 
 class Frames:
     """The frames of a problem, one for each group that a state of it may have."""
 
-    def __init__(self, problem: Problem, *, symmetry: bool) -> None:
-        self.problem, self.group = problem, group_of_sweep(problem) if symmetry else ()
+    def __init__(self, problem: Problem, symmetry: str) -> None:
+        self.problem, self.group = problem, group_of_sweep(problem, symmetry)
         self._known: dict[tuple[str, ...], Frame] = {}
 
     def of(self, group: tuple[str, ...]) -> Frame:

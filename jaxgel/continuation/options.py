@@ -86,7 +86,7 @@ class SweepOptions:
     contact_range: float | None = option(None, POSITIVE, "problem")
     """Distance below which surfaces repel each other, mm; default 1/80 of the shorter side."""
     symmetry: str = option("auto", word(SYMMETRY), "sweep")
-    """Find symmetric states on a fundamental region, or all states on the whole plate"""
+    """Find symmetric states on a fundamental region, all on the whole plate, or a group's name"""
     eigenvalues: bool = option(False, FLAG, "sweep")
     """Whether every state gets its lowest eigenvalue, in a column of the history.
 

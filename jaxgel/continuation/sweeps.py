@@ -41,7 +41,8 @@ def sweep(
       "symmetric" stays on it, as a perfectly symmetric cloud would.
     - `symmetry`: "auto" computes symmetric states on a fundamental region of the plate (see
       `symmetry`): the same states in less time; "off" does not. Inside `jax.jit` and `jax.vmap` it
-      uses those that are known without the values of their arguments.
+      uses those that are known without the values of their arguments. The name of a group, as "C4",
+      says that the sheets have it: one that has not is nan there, with the status ASYMMETRIC.
     - `eigenvalues`: whether to compute `path.lowest_eigenvalue` of every state.
     - `until_contact`: whether a sweep without contact ends if the sides of a hole overlap.
     - `start`: a `State` to continue from, at another value than the first one; by default the first

@@ -1,19 +1,17 @@
 """A sweep as one compiled program for ``jax.jit`` and ``jax.vmap``: stable, at given values.
 
 It follows the branch that continues the dry state for as long as its tangent is positive definite.
-A plate that is known to be symmetric when the program is made is solved on a fundamental region,
-and the tangent's other blocks are factorised at the given values. A sheet that loses stability,
-whose outlines touch or whose Newton's method fails has nan from there on, and the `Status` that
-says why; in a batch the others go on.
+A plate that is known, or said, to be symmetric when the program is made is solved on a fundamental
+region, and the tangent's other blocks are factorised at the given values. A sheet that loses
+stability, whose outlines touch, whose Newton's method fails or that is not so symmetric has nan
+from there on, and the `Status` that says why; in a batch the others go on.
 """
 
-import dataclasses
 import functools
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import scipy.sparse as sp
 from jax import lax
 
 from .._programs import fitted
@@ -33,37 +31,21 @@ from ..mechanics import (
     pressure_change,
     restrict,
     scatter,
+    state_pressure,
     tangent_blocks,
     touches_in_program,
     with_free_values,
 )
-from ..symmetry import bases, blocks_of_plate, region, spread
+from ..symmetry import bases, blocks_of_plate, has_symmetries, region
 from .follow import Following
-from .frames import group_of_sweep
 
 HISTORY = 4  # states from which the next one is predicted
 LEAST_STEP = 1 / 64  # of the distance between two values: a shorter step is not tried
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class SymmetricPlate:
-    """What is known of a symmetric plate when a program is made; hashed by identity."""
-
-    group: tuple[str, ...]
-    """The symmetries that its states have."""
-    spread: sp.csr_matrix
-    """See `symmetry.spread`."""
-
-    @classmethod
-    def of(cls, problem: Problem) -> "SymmetricPlate | None":
-        """That of a problem, some of whose numbers are traced; None if it may have no symmetry."""
-        group = group_of_sweep(problem)
-        return cls(group, spread(problem.model, group)) if group else None
-
-
-def pattern_in_program(problem: Problem, plate: SymmetricPlate | None) -> Pattern | BlockPattern:
-    """Pattern of the tangents of the whole plate, of their blocks if it is symmetric."""
-    return blocks_of_plate(problem.model.lists, plate.group) if plate else problem.pattern
+def pattern_in_program(problem: Problem, group: tuple[str, ...]) -> Pattern | BlockPattern:
+    """Pattern of the tangents of the whole plate, of their blocks if states have a ``group``."""
+    return blocks_of_plate(problem.model.lists, group) if group else problem.pattern
 
 
 class _March(NamedTuple):
@@ -115,21 +97,22 @@ def check_for_program(options: Following, *, chosen: bool) -> None:
 
 
 def states_in_program(
-    problem: Problem, values: Float[Array, " k"], newton: Newton, plate: SymmetricPlate | None
+    problem: Problem, values: Float[Array, " k"], newton: Newton, group: tuple[str, ...]
 ) -> tuple[Array, dict[str, Any]]:
     """Equilibria (k, n, 2) at ``values`` of the control and the columns of their `Path`, a dict.
 
-    See the module. What is not reached has the last state, and its value of the control, in its
-    place, so that derivatives are finite.
+    Solved on the region of a ``group``. See the module. What is not reached has the last state, and
+    its value of the control, in its place, so that derivatives are finite.
     """
     whole, others = problem.prepared, []
-    if plate is None:
-        problem = whole
+    if group:
+        problem = region(problem, group).problem
+        others = [basis.pattern for basis in bases(whole.model.lists, group)[1:]]
     else:
-        problem = region(problem, plate.group).problem
-        others = [basis.pattern for basis in bases(whole.model.lists, plate.group)[1:]]
+        problem = whole
     eliminations = [elimination_of(pattern) for pattern in (problem.pattern, *others)]
-    leaves, structure = jax.tree.flatten((problem.shared, eliminations, values))
+    symmetric = jnp.asarray(has_symmetries(whole, group))
+    leaves, structure = jax.tree.flatten((problem.shared, eliminations, values, symmetric))
 
     def states(*leaves):
         return _states(
@@ -143,23 +126,32 @@ def states_in_program(
         states = jax.custom_batching.sequential_vmap(states)
     # index arrays as constants would be folded, for minutes
     columns = states(*lax.optimization_barrier(leaves))
-    pressure = fitted(columns["pressure"], "kg", problem.lengths)
-    columns |= {
-        "pressure": pressure if plate is None else _of_plate(pressure, plate.spread),
-        "operators": whole.operators,
-    }
-    return fitted(columns.pop("x"), "kn", problem.lengths), columns
+    x = fitted(columns.pop("x"), "kn", problem.lengths)
+    if group:
+        columns["pressure"] = _pressures(whole, x, columns["value"])
+    else:
+        columns["pressure"] = fitted(columns["pressure"], "kg", problem.lengths)
+    return x, columns | {"operators": whole.operators}
 
 
-def _of_plate(pressure, spread):
-    """Pressures (k, g) of all volume groups of a plate, of those of its region (k, r)."""
-    entries = spread.tocoo()
-    row, column, share = lax.optimization_barrier((entries.row, entries.col, entries.data))
-    return jnp.zeros((len(pressure), spread.shape[0])).at[:, row].add(share * pressure[:, column])
+def _pressures(problem, x, values):
+    """Pressures (k, g) of all volume groups of a plate at its states (k, n, 2)."""
+    leaves, structure = jax.tree.flatten(problem.shared)
+    shared = jax.tree.unflatten(structure, lax.optimization_barrier(leaves))
+
+    def pressure(x, value):
+        now, mu = shared.at(value)
+        return state_pressure(x, now.model, now.gel, mu)
+
+    found = jax.vmap(pressure)(fitted(x, "kn", shared.lengths), values)
+    return fitted(found, "kg", problem.lengths)
 
 
-def _states(newton, touching, problem, eliminations, values):
-    """The columns of a path, in the sizes of the shared equations."""
+def _states(newton, touching, problem, eliminations, values, symmetric):
+    """The columns of a path, in the sizes of the shared equations.
+
+    None is looked for if the sheet is not ``symmetric``.
+    """
     elimination, *others = eliminations
     x, pressure = dry_state(problem, values[0])
     start = _March(
@@ -174,7 +166,7 @@ def _states(newton, touching, problem, eliminations, values):
         step=jnp.zeros(()),
         least=jnp.zeros(()),
         iterations=jnp.zeros((), int),
-        status=jnp.zeros((), int),
+        status=jnp.where(symmetric, int(Status.CONVERGED), int(Status.ASYMMETRIC)),
         reached=jnp.zeros((), bool),
     )
 

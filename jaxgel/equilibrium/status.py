@@ -51,6 +51,8 @@ class Status(enum.IntEnum):
     """A node moved farther in one step than the range of contact."""
     AGAINST_PREDICTION = 15
     """The step opposes the prediction along the softest mode: another branch."""
+    ASYMMETRIC = 16
+    """The sheet lacks the symmetries that its compiled sweep was told to use."""
 
     @property
     def ok(self) -> bool:
@@ -127,6 +129,10 @@ _TEXTS = {
     Status.AGAINST_PREDICTION: (
         "the step goes along the softest mode against the prediction, to another branch; use "
         "smaller steps"
+    ),
+    Status.ASYMMETRIC: (
+        "the sheet lacks the symmetry that the sweep was told to use; give symmetry='off', or "
+        "holes, loads and fields that have it"
     ),
     Status.UNSTABLE: (
         "the stable branch ends, and no stable state was found by relaxation from there"

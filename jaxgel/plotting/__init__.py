@@ -4,7 +4,7 @@ from .._deprecated import old_names
 from .accuracy import plot_accuracy, plot_contributions
 from .animation import animate_pattern
 from .curves import CURVES, plot_curve, plot_curves
-from .design import draw_study
+from .design import draw_optima, draw_study
 from .loops import plot_loop
 from .patterns import plot_gel, plot_modes, plot_pattern, plot_patterns
 from .style import STYLE, add_warning, colour_scale, save_figure
@@ -16,6 +16,7 @@ __all__ = [
     "add_warning",
     "animate_pattern",
     "colour_scale",
+    "draw_optima",
     "draw_study",
     "plot_accuracy",
     "plot_contributions",

@@ -1,6 +1,7 @@
-"""The figure of a design: start and optimum swollen, the objective, and its history.
+"""The figures of a design: start and optimum swollen, the objective, and its history.
 
-The quantity or the switches of the objective, and the history of the search.
+The quantity or the switches of the objective, and the history of the search. And the optima of
+several searches.
 """
 
 import dataclasses
@@ -11,9 +12,11 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from .._types import Float
+from .._types import Bool, Float
 from ..continuation import Path
 from ..design import FEASIBLE, Design
 from ..observables import QUANTITIES, Quantity, free_edge_misfit, parameter_values
@@ -208,3 +211,52 @@ def draw_history(ax: Axes, design: Design) -> Axes:
     above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     ax.legend(frameon=False, fontsize=7.5, columnspacing=1.0, handletextpad=0.3, **above)
     return ax
+
+
+@styled
+def draw_optima(
+    names: Sequence[str],
+    shares: Float[np.ndarray, "s d"],
+    values: Float[np.ndarray, " s"],
+    start_values: Float[np.ndarray, " s"],
+    feasible: Bool[np.ndarray, " s"],
+) -> Figure:
+    """Figure of the best designs of s searches: their d numbers, ``names``, and their objective.
+
+    The numbers are ``shares`` of their bounds' ranges, on one axis each; a design is a line across
+    them in the colour of its objective, dashed if it is not ``feasible``. Beside them the objective
+    at each start and at the best design, in the order of the latter.
+    """
+    figure, (map_of, ranks) = plt.subplots(
+        1, 2, figsize=(6.3, 3.0), layout="constrained", width_ratios=(1.7, 1.0)
+    )
+    low, high = float(values.min()), float(values.max())
+    scale = ScalarMappable(Normalize(low, high if high > low else low + 1.0), "cividis")
+    columns = np.arange(len(names))
+    for share, value, met in zip(shares, values, feasible, strict=True):
+        colour, line = scale.to_rgba(value), "-" if met else (0, (3, 2))
+        map_of.plot(columns, share, color=colour, linewidth=0.8, linestyle=line, alpha=0.8)
+    map_of.vlines(columns, 0.0, 1.0, color=WALL, linewidth=0.6)
+    map_of.set_xticks(columns, names, rotation=30 if len(names) > 3 else 0)
+    map_of.set(ylim=(-0.03, 1.03), ylabel="share of the bounds' range", title="best designs")
+    figure.colorbar(scale, ax=map_of, label="objective")
+    order = np.argsort(values)
+    rank = np.arange(1, len(order) + 1)
+    ranks.plot(rank, start_values[order], ".", ms=2.5, color=WALL, label="at the start")
+    met = feasible[order]
+    ranks.plot(rank[met], values[order][met], "o", ms=3.0, color=COLOURS[0], label="best")
+    if not met.all():
+        ranks.plot(
+            rank[~met],
+            values[order][~met],
+            "o",
+            ms=3.0,
+            mfc="none",
+            color=COLOURS[1],
+            label="infeasible",
+        )
+    ranks.set(xlabel="search, by its best", ylabel="objective")
+    ranks.locator_params(axis="x", integer=True)
+    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    ranks.legend(frameon=False, fontsize=7.5, columnspacing=0.8, handletextpad=0.1, **above)
+    return figure

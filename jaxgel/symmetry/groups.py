@@ -7,6 +7,8 @@ every model.
 """
 
 import dataclasses
+import functools
+import operator
 from collections.abc import Sequence
 
 import jax
@@ -16,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
 from .._tracing import is_traced
-from .._types import Array, Float, Int
+from .._types import Array, Bool, Float, Int
 from ..cloud import Topology
 from ..discretisation import Connectivity, Model
 from ..geometry import SYMMETRIES, keeps_edges
@@ -69,12 +71,32 @@ def symmetries_of(problem: Problem) -> tuple[str, ...]:
 
     None if only nearly, or if places, loads or fields are traced, whose numbers are not known.
     """
+    found = possible_symmetries(problem) if are_places_known(problem) else ()
+    return _closed(tuple(name for name in found if has_symmetries(problem, (name,))))
+
+
+def possible_symmetries(problem: Problem) -> tuple[str, ...]:
+    """Those of the reference cloud of a problem; none if its network may have a direction."""
+    found = tuple(images(problem.model.lists))
+    return found if found and _is_isotropic(problem.gel) else ()
+
+
+def are_places_known(problem: Problem) -> bool:
+    """Whether none of the numbers that `has_symmetries` compares is traced."""
+    model = problem.model
+    blocks = [(block.position, block.weight) for block in model.blocks]
+    return not is_traced(model.nodes, blocks, problem.loads, _fields(problem.gel))
+
+
+def has_symmetries(problem: Problem, group: tuple[str, ...]) -> bool | Bool[Array, ""]:
+    """Whether places, loads and fields of a problem have a ``group``, to round-off.
+
+    The group is one of the reference cloud's. Numbers of the problem may be traced.
+    """
     found = images(problem.model.lists)
-    blocks = [(block.position, block.weight) for block in problem.model.blocks]
-    known = not is_traced(problem.model.nodes, blocks, problem.loads, _fields(problem.gel))
-    if not found or not known or not _is_isotropic(problem.gel):
-        return ()
-    return _closed(tuple(name for name, image in found.items() if _keeps(image, problem)))
+    return functools.reduce(
+        operator.and_, [_keeps(found[name], problem) for name in group], np.True_
+    )
 
 
 def symmetries_of_state(
@@ -170,7 +192,9 @@ def characters(modes: Float[np.ndarray, "m n 2"], model: Model) -> dict[str, flo
 def _keeps(image, problem):
     """Whether a symmetry keeps nodes, weighted quadrature points, gel parameters and loads."""
     model, tolerance = problem.model, EXACT * problem.model.cloud.spacing
-    nodes, loads = np.asarray(model.nodes), np.asarray(problem.loads)
+    nodes, loads = (
+        part if is_traced(part) else np.asarray(part) for part in (model.nodes, problem.loads)
+    )
     held, there = (
         free_dofs(model.lists.topology).held,
         np.where(image.dofs < 0, ~image.dofs, image.dofs),
@@ -179,18 +203,18 @@ def _keeps(image, problem):
         _by_point(model.lists, [getattr(block, name) for block in model.blocks])
         for name in ("position", "weight")
     )
-    return (
-        np.abs(nodes[image.nodes] - nodes @ image.matrix.T).max() < tolerance
-        and np.array_equal(held[there], held)  # of a cell that is periodic one way a corner is held
-        and np.abs(positions[image.points] - positions @ image.matrix.T).max() < tolerance
-        and np.allclose(weights[image.points], weights, rtol=0.0, atol=EQUAL * weights.max())
-        and np.allclose(
-            loads[image.nodes], loads @ image.matrix.T, rtol=0.0, atol=EQUAL * np.abs(loads).max()
-        )
-        and all(
-            np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0)
-            for values in (_by_point(model.lists, f.points) for f in _fields(problem.gel))
-        )
+    fields = [_by_point(model.lists, field.points) for field in _fields(problem.gel)]
+    moved = [  # values at the images, those that they should have, and how far these may be apart
+        (nodes[image.nodes], nodes @ image.matrix.T, tolerance),
+        (positions[image.points], positions @ image.matrix.T, tolerance),
+        (weights[image.points], weights, EQUAL * weights.max()),
+        (loads[image.nodes], loads @ image.matrix.T, EQUAL * abs(loads).max()),
+        *((values[image.points], values, EQUAL * abs(values)) for values in fields),
+    ]
+    # of a cell that is periodic one way a corner is held
+    same = np.bool_(np.array_equal(held[there], held))
+    return functools.reduce(
+        operator.and_, [(abs(one - other) <= most).all() for one, other, most in moved], same
     )
 
 
@@ -198,11 +222,11 @@ def _by_point(
     lists: Connectivity, parts: Sequence[Float[Array, "_ _ ..."]]
 ) -> Float[np.ndarray, "p ..."]:
     """Values (p, ...) of all quadrature points by number, from those (c, q, ...) of each block."""
-    first = np.asarray(parts[0])
-    values = np.zeros((len(lists.cell_of_point), *first.shape[2:]))
-    for numbers, part in zip(lists.points, parts, strict=True):
-        values[numbers[numbers >= 0]] = np.asarray(part)[numbers >= 0]
-    return values
+    numbers = np.concatenate([block.ravel() for block in lists.points])
+    place = np.zeros(len(lists.cell_of_point), dtype=int)
+    place[numbers[numbers >= 0]] = np.flatnonzero(numbers >= 0)
+    join = jnp.concatenate if is_traced(parts) else np.concatenate
+    return join([part.reshape(-1, *part.shape[2:]) for part in parts])[place]
 
 
 def _fields(gel):

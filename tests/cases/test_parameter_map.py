@@ -619,8 +619,7 @@ def test_a_batch_that_exhausts_the_memory_is_halved_and_another_error_is_raised(
             raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory")
         return {"x": given["Nv"] * 2}, values
 
-    made._program = program
-    columns, rows = made._run({"Nv": np.arange(8.0)}, np.arange(8.0)[:, None])
+    columns, rows = made._run(program, {"Nv": np.arange(8.0)}, np.arange(8.0)[:, None])
     np.testing.assert_array_equal(columns["x"], 2 * np.arange(8.0))
     np.testing.assert_array_equal(rows[:, 0], np.arange(8.0))
     assert (sizes, made.size) == ([8, 4, 2, 2, 2, 2], 2)
@@ -628,9 +627,8 @@ def test_a_batch_that_exhausts_the_memory_is_halved_and_another_error_is_raised(
     def broken(*_):
         raise jax.errors.JaxRuntimeError("INTERNAL: no kernel")
 
-    made._program = broken
     with pytest.raises(jax.errors.JaxRuntimeError, match="INTERNAL"):
-        made._run({"Nv": np.zeros(2)}, np.zeros((2, 1)))
+        made._run(broken, {"Nv": np.zeros(2)}, np.zeros((2, 1)))
 
 
 @pytest.mark.slow

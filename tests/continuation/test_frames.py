@@ -169,7 +169,7 @@ def test_factor_by_blocks_is_that_of_the_whole_tangent(turned):
 def test_modes_of_a_block_that_none_was_followed_in_are_found(buckling):
     """From modes of the other blocks alone, the lowest of all is found in a few states."""
     problem = Problem(buckling, GEL, contact=False).prepared
-    frame, states = Frames(problem, symmetry=True).of(symmetries_of(problem)), []
+    frame, states = Frames(problem, "auto").of(symmetries_of(problem)), []
     jaxgel.sweep(
         jaxgel.Problem(buckling, GEL, contact=False),
         MU[:1],

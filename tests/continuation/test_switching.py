@@ -55,5 +55,5 @@ def test_only_a_prediction_that_says_something_refuses_a_step(share, ok, twisted
         dataclasses.replace(last, mu=-1.9, x=np.asarray(last.x) + part * step)
         for part in (1.0, share)
     )
-    frame = Frames(problem, symmetry=False).of(())
+    frame = Frames(problem, "off").of(())
     assert _against_prediction(frame, found, predicted.x, last) != ok

@@ -113,6 +113,43 @@ def test_derivatives_by_loads_that_break_the_symmetry_are_those_of_the_whole_pla
         np.testing.assert_allclose(found[k], expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
+@pytest.mark.slow
+def test_sheets_said_to_be_symmetric_are_solved_on_a_region_and_nan_if_they_are_not(four_circles):
+    """By radii, along all of which they are differentiated, as along those that break it."""
+    model, gel = four_circles
+    plate = model.cloud.plate
+
+    def quantity(radii, values):
+        placed = jaxgel.discretise(model.cloud.at(plate.at([{"radius": r} for r in radii])))
+        path = jaxgel.sweep(jaxgel.Problem(placed, gel, contact=False), values, symmetry="D4")
+        assert set(path.symmetry) == {"D4"}
+        return jnp.sum(jaxgel.area_reduction(path)) + path.energy[1] + path.pressure[2, 1], path
+
+    radius = plate.holes[0].theta["radius"]
+    check_batch(quantity, radius * np.array([[1.0] * 4, [1.02] * 4]))
+    one_larger = radius * jnp.array([[1.02, 1.0, 1.0, 1.0]])
+    _, path = jax.jit(jax.vmap(lambda radii: quantity(radii, jnp.asarray(VALUES))))(one_larger)
+    assert set(path.status[0].tolist()) == {Status.ASYMMETRIC} and np.isnan(path.x).all()
+
+
+def test_a_group_that_a_problem_lacks_is_refused(model, four_circles):
+    """Also in a program, if the cloud lacks it; part of the plate's own group is accepted."""
+    circles, own = four_circles
+    path = jaxgel.sweep(jaxgel.Problem(circles, own), VALUES[:1], symmetry="C4")
+    assert path.symmetry == ("C4",)
+    gel = jaxgel.Gel(Nv=1e-3, chi=0.1)
+    problem = jaxgel.Problem(model, gel, loads=np.ones((model.n_nodes, 2)))
+    with pytest.raises(ValueError, match=r"symmetry: 'C4' is not accepted, plate, gel.* have C1"):
+        jaxgel.sweep(problem, VALUES[:1], symmetry="C4")
+    with pytest.raises(ValueError, match=r"symmetry: 'C4' is not accepted, plate, gel.* have C1"):
+        jax.eval_shape(
+            lambda loads: jaxgel.sweep(problem.replace(loads=loads), VALUES[:1], symmetry="C4").x,
+            problem.loads,
+        )
+    with pytest.raises(ValueError, match="symmetry: 'C3' is not one of auto, off, C2, C4"):
+        jaxgel.sweep(problem, VALUES[:1], symmetry="C3")
+
+
 def test_a_program_uses_the_symmetries_that_are_known_when_it_is_made(model, four_circles):
     """Of the gel nothing need be known; places and loads must be."""
     circles, gel = four_circles

@@ -16,6 +16,7 @@ from jaxgel.observables import BY_COLUMN, QUANTITIES, field_values, history, tri
 from jaxgel.plotting import (
     CURVES,
     animate_pattern,
+    draw_optima,
     plot_curve,
     plot_curves,
     plot_pattern,
@@ -257,3 +258,25 @@ def test_lengths_carry_the_unit_of_the_plate(path):
     )
     assert plot_pattern(small).get_xlabel() == "$x$ ($10^{-3}$ mm)"
     assert plot_curve(small, "min_gap").get_ylabel() == "smallest gap ($10^{-3}$ mm)"
+
+
+def test_optima_of_several_searches_are_lines_across_their_parameters():
+    """Of three designs one is infeasible, the objective of one start is unknown."""
+    shares = np.array([[0.1, 0.9], [0.5, 0.5], [0.2, 0.3]])
+    figure = draw_optima(
+        ["Nv", "chi"],
+        shares,
+        np.array([3.0, 1.0, 2.0]),
+        np.array([4.0, 1.5, np.nan]),
+        np.array([True, False, True]),
+    )
+    map_of, ranks = figure.axes[:2]
+    np.testing.assert_array_equal([line.get_ydata() for line in map_of.lines], shares)
+    assert [line.get_linestyle() for line in map_of.lines] == ["-", "--", "-"]
+    colours = {line.get_color() for line in map_of.lines}
+    assert len(colours) == 3
+    assert [label.get_text() for label in map_of.get_xticklabels()] == ["Nv", "chi"]
+    at_start, best, infeasible = ranks.lines
+    np.testing.assert_array_equal(at_start.get_ydata(), [1.5, np.nan, 4.0])
+    np.testing.assert_array_equal(best.get_xydata(), [[2, 2.0], [3, 3.0]])
+    np.testing.assert_array_equal(infeasible.get_xydata(), [[1, 1.0]])
