@@ -88,7 +88,7 @@ def are_places_known(problem: Problem) -> bool:
     return not is_traced(model.nodes, blocks, problem.loads, _fields(problem.gel))
 
 
-def has_symmetries(problem: Problem, group: tuple[str, ...]) -> bool | Bool[Array, ""]:
+def has_symmetries(problem: Problem, group: tuple[str, ...]) -> np.bool_ | Bool[Array, ""]:
     """Whether places, loads and fields of a problem have a ``group``, to round-off.
 
     The group is one of the reference cloud's. Numbers of the problem may be traced.
@@ -220,7 +220,7 @@ def _keeps(image, problem):
 
 def _by_point(
     lists: Connectivity, parts: Sequence[Float[Array, "_ _ ..."]]
-) -> Float[np.ndarray, "p ..."]:
+) -> Float[Array, "p ..."]:
     """Values (p, ...) of all quadrature points by number, from those (c, q, ...) of each block."""
     numbers = np.concatenate([block.ravel() for block in lists.points])
     place = np.zeros(len(lists.cell_of_point), dtype=int)
