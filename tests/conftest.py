@@ -65,21 +65,21 @@ LONG = (
     "bifurcation/search.py",
     "design/criteria.py",
     "materials/phases.py",
-    "observables/solvent.py",
-    "observables/times.py",
     "observables/wrinkling.py",
-    "transient/swelling.py",
 )
+IN_TIME = ("observables/solvent.py", "observables/times.py", "transient/swelling.py")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """How-to and extension pages run with the slow tests; smaller plates test them, too.
 
-    Docstring examples of the modules ``LONG`` run with the thorough ones.
+    So do docstring examples of the modules ``IN_TIME``; those of ``LONG`` run with the thorough ones.
     """
     for item in items:
         if item.path.parent.name in ("howto", "extend"):
+            item.add_marker("slow")
+        elif "/".join(item.path.parts[-2:]) in IN_TIME:
             item.add_marker("slow")
         elif "/".join(item.path.parts[-2:]) in LONG:
             item.add_marker("thorough")

@@ -125,7 +125,7 @@ def test_the_client_gets_errors_in_one_line_and_then_values_again(tiny):
     assert len(client([POINT])[0]) == 2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_quantity_without_a_value_is_an_error(tmp_path):
     own = response(tmp_path, RESPONSES)  # the core of this plate lies in its hole
     path = own.path(POINT)

@@ -164,7 +164,7 @@ def test_an_objective_without_a_value_is_left_out(rows):
     assert {row.objective for row in rows} == set(OBJECTIVES) - {"core rotation"}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_rotation_of_a_level_midline_is_left_out(square_model, path):
     """Round-off chooses the highest point of a level line: its angle is 0 and has no derivative."""
     level = jaxgel.sweep(jaxgel.Problem(square_model, jaxgel.sample("square").gel), [-2.0])

@@ -134,6 +134,7 @@ def set_gaps(monkeypatch, gaps):
     monkeypatch.setattr("jaxgel.observables.gaps.min_gap_once", gaps)
 
 
+@pytest.mark.thorough
 def test_a_step_to_the_stable_branch_into_contact_is_both(path, tmp_path, monkeypatch):
     # mm; contact acts below 22/80
     set_gaps(monkeypatch, lambda p: np.where(p.mu < path.mu[2], 0.9, 0.2))

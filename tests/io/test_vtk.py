@@ -27,7 +27,7 @@ def test_paraview_files_hold_every_state_in_the_order_of_mu(path, tmp_path):
         assert {"displacement", "J", "invalid"} <= names
 
 
-@pytest.mark.thorough  # the README's command installs no pyvista
+@pytest.mark.slow
 def test_pyvista_reads_the_series_with_the_closed_form_of_uniaxial_swelling(square_model, tmp_path):
     """Stretch l2 upwards and 1 sideways, stress Nv (1/l2 - l2) sideways, J = l2, everywhere."""
     pyvista = pytest.importorskip("pyvista")
@@ -57,7 +57,7 @@ def test_pyvista_reads_the_series_with_the_closed_form_of_uniaxial_swelling(squa
         )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_series_of_a_path_in_time_has_its_times_and_the_solvent(in_time, tmp_path):
     """Fields are those of the observables, and the flux of the start is 0."""
     write_series(in_time[[0, 5, 9]], tmp_path)

@@ -41,7 +41,8 @@ def problem_of(plate, gel=GEL):
     return jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate)), gel, contact_range=RANGE)
 
 
-@pytest.mark.parametrize("name", [ARMS, pytest.param(ACROSS, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [ARMS, ACROSS])
 def test_surfaces_that_meet_do_not_cross(name):
     """The slot's sides and the two halves of the free edge beside it are one surface."""
     plate, mu = PLATES[name]

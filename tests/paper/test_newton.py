@@ -135,6 +135,7 @@ def test_deformation_gradient_is_the_derivative_of_the_position(cloud_of, kind):
     np.testing.assert_allclose(F, differences, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_path_is_read_by_observables(tiny_scheme):
     gel = tiny_scheme.cloud.plate.gel
     path = scheme_path(tiny_scheme, gel, MU[:2])

@@ -17,7 +17,7 @@ from jaxgel.io import load_run, write_series
 from jaxgel.observables import COLUMNS, OF_OBSTACLES, obstacle_displacement
 from jaxgel.plotting import animate_pattern, plot_curves, plot_pattern, plot_patterns
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 CASE = """
 [plate]

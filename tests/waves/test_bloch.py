@@ -68,6 +68,7 @@ def test_waves_that_are_the_same_in_all_cells_are_those_of_the_sweep(waves, cell
     )
 
 
+@pytest.mark.thorough
 def test_a_larger_cell_has_the_waves_of_its_cells(waves):
     """The matrix of repeated 2 x 2 cells, made of K_R, has one cell's eigenvalues at four k."""
     layout, part = waves.layout, [waves.layout.matrix(part).toarray() for part in waves.stiffness]
