@@ -74,7 +74,7 @@ IN_TIME = ("observables/solvent.py", "observables/times.py", "transient/swelling
 def pytest_collection_modifyitems(items):
     """How-to and extension pages run with the slow tests; smaller plates test them, too.
 
-    So do docstring examples of the modules ``IN_TIME``; those of ``LONG`` run with the thorough ones.
+    So do docstring examples of the modules ``IN_TIME``; those of ``LONG`` are thorough.
     """
     for item in items:
         if item.path.parent.name in ("howto", "extend"):
