@@ -333,5 +333,6 @@ flat_call = primitive(
     transpose=_transpose,
     batch=_batch,
     several=True,
+    remembered=True,
 )
 """The results of a ``function`` of flat arrays, see `_results`."""

@@ -19,6 +19,56 @@ try:
 except (ImportError, AttributeError):  # a later version of JAX
     MESH = UNSET = None
 
+try:
+    from jax._src.util import weakref_cache_key_types
+except ImportError:  # a later version of JAX
+    weakref_cache_key_types = set()
+
+
+class _Held:
+    """A parameter of a primitive that JAX's caches hold weakly.
+
+    JAX (0.10 to 0.12) keeps the parameters of the latest 2048 calls that it has traced: with them
+    all that these hold, as the lists of a cloud or the states of a run, would stay in memory.
+    """
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __hash__(self) -> int:
+        return hash(self.value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Held) and self.value == other.value
+
+
+weakref_cache_key_types.add(_Held)
+
+
+class _Primitive(Primitive):
+    """A primitive whose parameters are `_Held` in traces."""
+
+    def bind(self, *args: Any, **parameters: Any) -> Any:
+        held = {
+            name: value if isinstance(value, _Held) else _Held(value)
+            for name, value in parameters.items()
+        }
+        return super().bind(*args, **held)
+
+
+def _with_values(rule):
+    """The rule of a primitive with the values of its parameters."""
+
+    @functools.wraps(rule)
+    def call(*args: Any, **parameters: Any) -> Any:
+        values = {
+            name: held.value if isinstance(held, _Held) else held
+            for name, held in parameters.items()
+        }
+        return rule(*args, **values)
+
+    return call
+
 
 def primitive(
     name: str,
@@ -30,6 +80,7 @@ def primitive(
     transpose: Callable,
     batch: Callable,
     several: bool,
+    remembered: bool = False,
 ) -> Primitive:
     """A primitive called ``name`` with one result, or ``several`` in a list.
 
@@ -38,9 +89,12 @@ def primitive(
     tangents; ``transpose(cotangents, args, **parameters)`` the cotangents of the arguments in which
     it is linear, which are None among ``args``; ``batch`` is a rule of
     ``jax.interpreters.batching``, with None for what is not mapped. None stands for tangents and
-    cotangents that are 0.
+    cotangents that are 0. Shapes that take time are ``remembered``, with the parameters.
     """
-    made = Primitive(name)
+    made = Primitive(name) if remembered else _Primitive(name)
+    value, traced, shapes, jvp, transpose, batch = map(
+        _with_values, (value, traced, shapes, jvp, transpose, batch)
+    )
     made.multiple_results = several
     made.def_impl(_outside_of_reverse(value))
     made.def_abstract_eval(shapes)

@@ -77,11 +77,10 @@ def pytest_collection_modifyitems(items):
     So do docstring examples of the modules ``IN_TIME``; those of ``LONG`` are thorough.
     """
     for item in items:
-        if item.path.parent.name in ("howto", "extend"):
+        module = "/".join(item.path.parts[-2:])
+        if item.path.parent.name in ("howto", "extend") or module in IN_TIME:
             item.add_marker("slow")
-        elif "/".join(item.path.parts[-2:]) in IN_TIME:
-            item.add_marker("slow")
-        elif "/".join(item.path.parts[-2:]) in LONG:
+        elif module in LONG:
             item.add_marker("thorough")
 
 

@@ -47,7 +47,8 @@ class Motions:
             along = jnp.einsum("nij,nj->ni", lax.stop_gradient(F), dry_motion)
             return problem.carried(dry_motion, value) + scatter(restrict(along, free), free)
 
-        return jax.vmap(one)(x, values)
+        # one state at a time: the positions of all nodes of all patches are many times the states
+        return lax.map(lambda state: one(*state), (x, values))
 
 
 def edge_motions(

@@ -2,6 +2,7 @@
 
 import collections
 import threading
+import weakref
 from typing import Any
 
 import jax
@@ -17,17 +18,18 @@ class FactorCache:
     """The latest factors, each with the discretisation and numbers of its tangent.
 
     Together they fill at most ``bytes``, the latest one excepted: it stays however large it is.
-    When a factor is added, the oldest ones are dropped until the rest fits. A factor that was
-    dropped costs the time to make it anew. Threads may add and ask at the same time.
+    When a factor is added, the oldest ones are dropped until the rest fits; once a discretisation
+    is no longer in use, its own are. A factor that was dropped costs the time to make it anew.
+    Threads may add and ask at the same time.
     """
 
     def __init__(self, bytes: float):  # noqa: A002
         self.bytes = bytes
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a discretisation may end while its factor is added
         self._kept: collections.deque[tuple] = collections.deque()  # newest last
 
     def contents(self) -> list[tuple[Factor | BlockFactor, object, list[np.ndarray], object]]:
-        """Factors, their owners, and leaves and tree structures of states, oldest first."""
+        """Factors, references to owners, leaves and tree structures of states, oldest first."""
         with self._lock:
             return list(self._kept)
 
@@ -37,17 +39,22 @@ class FactorCache:
         ``owner`` is compared by identity.
         """
         leaves, structure = jax.tree.flatten(state)
+        of = weakref.ref(owner, self._forget)
         with self._lock:
-            self._kept.append((made, owner, [np.asarray(leaf) for leaf in leaves], structure))
+            self._kept.append((made, of, [np.asarray(leaf) for leaf in leaves], structure))
             while len(self._kept) > 1 and sum(kept.size for kept, *_ in self._kept) > self.bytes:
                 self._kept.popleft()
+
+    def _forget(self, of):
+        with self._lock:
+            self._kept = collections.deque(kept for kept in self._kept if kept[1] is not of)
 
     def find(self, owner: object, state: Any) -> Factor | BlockFactor | None:
         """The factor of this state's tangent; None if it is not kept."""
         leaves, structure = jax.tree.flatten(state)
         for made, of, kept, kept_structure in reversed(self.contents()):
             if (
-                of is owner
+                of() is owner
                 and kept_structure == structure
                 and all(map(np.array_equal, kept, leaves))
             ):
@@ -56,4 +63,4 @@ class FactorCache:
 
 
 RECENT_FACTORS = FactorCache(REMEMBERED_BYTES)
-"""The factors of this process; not kept by the patterns, which compiled programs keep alive."""
+"""The factors of this process."""

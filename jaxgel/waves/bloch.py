@@ -18,7 +18,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
 from .._memo import once_per_owner
-from .._types import Complex, Float
+from .._types import Complex, Float, Inexact
 from ..discretisation import Connectivity
 from ..equilibrium import State
 from ..linalg import Factor, Pattern, analyse, factor, nearest_modes, network_matrix
@@ -224,7 +224,7 @@ class BlochLayout:
         blocks = np.array([[entries.real, -entries.imag], [entries.imag, entries.real]])
         return factor(self._pattern, blocks.transpose(2, 0, 1))
 
-    def matrix(self, entries: Complex[np.ndarray, " e"]) -> sp.csr_matrix:
+    def matrix(self, entries: Inexact[np.ndarray, " e"]) -> sp.csr_matrix:
         """The Hermitian matrix (b, b)."""
         row, column = self._pairs.T
         upper = sp.csr_matrix((entries, (row, column)), shape=(self.size, self.size))

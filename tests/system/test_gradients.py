@@ -1,8 +1,10 @@
 """Derivatives of whole sweeps against differences of re-solved problems and each other."""
 
+import gc
 import inspect
 import itertools
 import sys
+import weakref
 
 import jax
 import jax.numpy as jnp
@@ -99,6 +101,27 @@ def test_gradients_are_those_of_the_resolved_problem(seed, observables, start, j
     # of the terms, where they cancel
     scale = np.abs(difference) + 1e-2 * np.abs(jacobian) @ np.abs(step)
     np.testing.assert_array_less(np.abs(jacobian @ step - difference), 1e-6 * scale)
+
+
+def test_a_plate_that_is_no_longer_in_use_leaves_the_memory(cloud, start):
+    """With its lists and factors; JAX remembers the parameters of primitives that it has traced."""
+    plate, (hole,) = cloud.plate, cloud.plate.holes
+
+    def lists_of_own_cloud():
+        own, kept = jaxgel.make_cloud(plate, spacing=cloud.spacing), []
+
+        def turned(axes):
+            model = jaxgel.discretise(own.at(plate.at([{"semi_axes": axes}])))
+            kept.append(weakref.ref(model.lists))
+            path = jaxgel.sweep(jaxgel.Problem(model, plate.gel), [MU[0], MU[-1]], eigenvalues=True)
+            return jaxgel.rotation_angle(path)[-1]
+
+        assert np.isfinite(jax.grad(turned)(jnp.asarray(hole.semi_axes))).all()
+        return weakref.ref(own.topology), *kept
+
+    kept = [*lists_of_own_cloud(), *lists_of_own_cloud()]  # of the first JAX may remember nothing
+    gc.collect()
+    assert [ref() for ref in kept] == [None] * 4
 
 
 @pytest.mark.slow

@@ -1,11 +1,14 @@
 """Derivatives of swelling in time, by difference quotients of the runs themselves."""
 
+import gc
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel.transient.derivatives import March
 
 pytestmark = pytest.mark.thorough
 
@@ -105,7 +108,10 @@ def forward(function, direction):
 
 
 def test_gradients_by_gel_and_bath_are_difference_quotients(cloud):
-    """Along a direction that changes all of them, before and after the end of a ramp."""
+    """Along a direction that changes all of them, before and after the end of a ramp.
+
+    The states of the run do not stay in memory.
+    """
     quantity = quantity_of(cloud, [0.01, 0.2])
     some = [
         list(FAMILIES).index(name)
@@ -114,6 +120,8 @@ def test_gradients_by_gel_and_bath_are_difference_quotients(cloud):
     gradient = np.zeros(len(VALUES))
     gradient[some] = jax.grad(lambda values: quantity(changed(some, values)))(list(VALUES[some]))
     assert np.isfinite(gradient).all() and (np.abs(gradient[some]) > 0).all()
+    gc.collect()
+    assert not any(isinstance(one, March) for one in gc.get_objects())
     direction = VALUES * np.random.default_rng(0).uniform(0.5, 1.0, len(VALUES)) * (gradient != 0)
     assert float(gradient @ direction) == pytest.approx(quotient(quantity, direction), rel=1e-6)
 
