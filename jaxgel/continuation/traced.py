@@ -139,11 +139,13 @@ def _pressures(problem, x, values):
     leaves, structure = jax.tree.flatten(problem.shared)
     shared = jax.tree.unflatten(structure, lax.optimization_barrier(leaves))
 
-    def pressure(x, value):
+    def pressure(state):
+        x, value = state
         now, mu = shared.at(value)
         return state_pressure(x, now.model, now.gel, mu)
 
-    found = jax.vmap(pressure)(fitted(x, "kn", shared.lengths), values)
+    # one state at a time: those of a batch have room, all states of all its sheets have not
+    found = lax.map(pressure, (fitted(x, "kn", shared.lengths), values))
     return fitted(found, "kg", problem.lengths)
 
 
