@@ -302,7 +302,8 @@ def _draw_optima(problem, results, folder):
     if not lower:
         return
     low, high = np.array(list(lower.values())), np.array(list(upper.values()))
-    found = np.array([list(components(design["parameters"]).values()) for design in designs])
+    best = [components(design["parameters"]) for design in designs]
+    found = np.array([[own[name] for name in lower] for own in best])
     figure = draw_optima(
         list(lower),
         (found - low) / (high - low),

@@ -14,6 +14,7 @@ import tomllib
 
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from studies import STUDY, changed, interrupt, one_cloud
@@ -26,6 +27,7 @@ from jaxgel.cases import (
     resumed_study,
     run_study,
     study_from_table,
+    study_runs,
 )
 from jaxgel.cli import command_line as cli
 from jaxgel.design import read_log, search
@@ -277,3 +279,25 @@ def test_where_all_starts_fail_the_study_does(tmp_path, monkeypatch):
     ):
         run_study(study(), tmp_path)
     assert [row["outcome"] for row in table(tmp_path)] == ["failed"] * 3
+
+
+def test_the_picture_of_the_optima_has_the_parameters_in_the_order_of_their_names(
+    tmp_path, monkeypatch
+):
+    """A design's own may be in another order; a start without a value, and none at all, too."""
+    drawn = []
+
+    def draw(*args):
+        drawn.append(args)
+        return plt.figure()
+
+    monkeypatch.setattr("jaxgel.plotting.draw_optima", draw)
+    found = {"angle": 0.4, "semi_axes": [2.1, 1.8]}
+    design = {"parameters": found, "value": 2.0, "history": [{"value": None}], "feasible": True}
+    study_runs._draw_optima(study().problem, {2: {"design": design}, 1: {"design": None}}, tmp_path)
+    ((names, shares, values, at_start, feasible),) = drawn
+    assert names == ["semi_axes_0", "semi_axes_1", "angle"]
+    np.testing.assert_allclose(shares, [[0.0, 1.0, 0.5]], atol=1e-12)
+    assert values.tolist() == [2.0] and np.isnan(at_start).all() and feasible.all()
+    assert (tmp_path / "optima.png").stat().st_size > 0
+    plt.close("all")
