@@ -225,8 +225,11 @@ def _by_point(
     numbers = np.concatenate([block.ravel() for block in lists.points])
     place = np.zeros(len(lists.cell_of_point), dtype=int)
     place[numbers[numbers >= 0]] = np.flatnonzero(numbers >= 0)
-    join = jnp.concatenate if is_traced(parts) else np.concatenate
-    return join([part.reshape(-1, *part.shape[2:]) for part in parts])[place]
+    if is_traced(parts):
+        return jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts])[place]
+    # in NumPy: nothing is compiled
+    own = [np.asarray(part) for part in parts]
+    return np.concatenate([part.reshape(-1, *part.shape[2:]) for part in own])[place]
 
 
 def _fields(gel):

@@ -1,8 +1,12 @@
 """Facts about the symmetries of plates, clouds and states."""
 
+import dataclasses
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import monitoring
 from scipy.spatial import cKDTree
 
 import jaxgel
@@ -22,6 +26,30 @@ def name_of(problem):
 @pytest.mark.parametrize("name", NAMED)
 def test_group_of_a_plate_is_that_of_its_holes(name, plates, problem_of):
     assert name_of(problem_of(plates[name])) == name
+
+
+def test_symmetries_are_found_without_a_program(plates, problem_of):
+    """Also if quadrature points and weights are arrays of JAX."""
+    problem, heard = problem_of(plates["C4"]), []
+
+    blocks = tuple(
+        dataclasses.replace(
+            block, position=jnp.asarray(block.position), weight=jnp.asarray(block.weight)
+        )
+        for block in problem.model.blocks
+    )
+    problem = problem.replace(model=dataclasses.replace(problem.model, blocks=blocks))
+    jax.clear_caches()
+
+    def hear(event, duration, **_):
+        heard.append(event)
+
+    monitoring.register_event_duration_secs_listener(hear)
+    try:
+        assert name_of(problem) == "C4"
+    finally:
+        monitoring.unregister_event_duration_listener(hear)
+    assert [event for event in heard if event.startswith("/jax/core/compile/")] == []
 
 
 @pytest.mark.slow
