@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ._primitives import primitive
-from ._tracing import is_traced
+from ._tracing import is_traced, outside_traces
 from ._types import Array, Float, Int
 
 ROWS = 2048  # times a power of 2 rows are evaluated together if each takes little time
@@ -113,7 +113,7 @@ def at_numbers(program: Callable[..., Array], owner: Any, rows: np.ndarray) -> n
 
     It maps each row to one.
     """
-    with jax.ensure_compile_time_eval():
+    with outside_traces():
         return np.asarray(program(owner, padded(rows, ROWS * rung(-(-len(rows) // ROWS), 1))))[
             : len(rows)
         ]

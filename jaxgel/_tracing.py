@@ -1,10 +1,17 @@
-"""Test for tracing: arrays without numerical values while JAX differentiates."""
+"""Arrays without numerical values while JAX traces: a test for them, and numbers beside them."""
 
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
+
+outside_traces = jax.core.eval_context
+"""Context or decorator in which numbers stay numbers, also inside traces.
+
+``jax.ensure_compile_time_eval`` would trace the programs that are met once more, and compile each
+of their operations with constants by itself.
+"""
 
 
 def is_traced(*trees: object) -> bool:

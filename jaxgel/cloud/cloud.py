@@ -15,7 +15,7 @@ import numpy as np
 from .._deprecated import old_arguments
 from .._programs import release_programs_if_crowded
 from .._sizes import joined, multiplied, taken
-from .._tracing import is_traced
+from .._tracing import is_traced, outside_traces
 from .._types import Array, Float, Int
 from .._validation import check_kind
 from ..geometry import Plate, arc_points, check_plate, reference_plate
@@ -119,7 +119,7 @@ def make_cloud(
     check_kind("plate", plate, Plate, "a Plate, such as Plate(4, 4, [Circle((0, 0), 1)])")
     release_programs_if_crowded()  # a new cloud needs new ones
     reference = reference_plate(plate)
-    with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
+    with outside_traces():  # the topology is made of numbers, also inside jit
         topology = _topology(reference, spacing, nodes_per_hole, across)
     cloud = Cloud(reference, jax.device_put(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)

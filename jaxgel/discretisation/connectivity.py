@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
+from .._tracing import outside_traces
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
 from ..cloud import EDGE_POINTS, Topology, find_rows, opposite_edges, refuse_ligament
@@ -110,7 +111,7 @@ def _starts_and_middles(vertices, ends, at, weights):
 
 
 @once_per_owner
-@jax.ensure_compile_time_eval()  # made of numbers, also inside jit
+@outside_traces()  # made of numbers, also inside jit
 def make_connectivity(topology: Topology, basis: str, dmax: float) -> Connectivity:
     """``Connectivity`` of the patches of a cloud.
 

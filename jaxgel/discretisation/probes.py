@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._tracing import is_traced
+from .._tracing import is_traced, outside_traces
 from .._types import Array, Float
 from ..cloud import Topology
 from ..geometry import Frame, inside_holes
@@ -87,7 +87,7 @@ class NodalField:
         """
         topology, basis, dmax = self._shape_functions
         points, nodes = np.asarray(points, dtype=float), topology.nodes
-        with jax.ensure_compile_time_eval():  # numbers, also inside jit
+        with outside_traces():  # numbers, also inside jit
             found = neighbours_of_points(topology, dmax, points)
             # one column at least
             lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)
@@ -163,7 +163,7 @@ def core_probe(model: Model) -> Interpolation:
 def _interpolated(model, points, neighbours):
     """``Interpolation`` on the model's cloud: numbers, also inside jit, unless the cloud moves."""
     moves = is_traced(model.cloud.nodes)
-    with contextlib.nullcontext() if moves else jax.ensure_compile_time_eval():
+    with contextlib.nullcontext() if moves else outside_traces():
         return interpolate(model.cloud, points, neighbours, model.basis)
 
 

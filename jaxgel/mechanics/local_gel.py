@@ -16,7 +16,7 @@ from .._compiled import compiled
 from .._memo import once_per_owner
 from .._programs import program
 from .._sizes import joined, resized, rung, taken
-from .._tracing import is_traced
+from .._tracing import is_traced, outside_traces
 from .._types import Array, Float, Int, Scalar
 from .._validation import check_kind, kind_in_words
 from ..cloud import Topology
@@ -243,7 +243,7 @@ def _places(blocks, outline):
 
 def _reference_places(model):
     """`_places` of the cloud that was placed, numbers, for a cloud that a design has moved."""
-    with jax.ensure_compile_time_eval():  # numbers, also inside jit
+    with outside_traces():  # numbers, also inside jit
         parts, outline = _reference_quadrature(model.lists)
         blocks = [
             dataclasses.replace(block, **own)

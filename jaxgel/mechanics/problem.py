@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from .._memo import once_per_owner
 from .._primitives import differentiated_value
 from .._sizes import resized
-from .._tracing import is_traced, value_and_tangents
+from .._tracing import is_traced, outside_traces, value_and_tangents
 from .._types import Array, Chemical, Float, Scalar
 from .._validation import Inadmissible
 from ..controls import Control, changes_of, check_fields, check_is_control
@@ -197,7 +197,7 @@ def _as_float(number):
     """An array of a number or of several; what is not traced stays a number inside ``jax.jit``."""
     if is_traced(number):
         return jnp.asarray(number, dtype=float)
-    with jax.ensure_compile_time_eval():
+    with outside_traces():
         return jnp.asarray(number, dtype=float)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
-from .._tracing import is_traced
+from .._tracing import is_traced, outside_traces
 from .._types import Array, Bool, Float, Int
 from ..cloud import Topology
 from ..discretisation import Connectivity, Model
@@ -251,7 +251,7 @@ def _is_isotropic(gel: LocalGel) -> bool:
     if is_traced(gel):
         return False
     F = np.array([[[1.31, 0.23], [-0.11, 1.17]], [[1.05, -0.34], [0.21, 1.43]]])
-    with jax.ensure_compile_time_eval():  # numbers, also inside jit
+    with outside_traces():  # numbers, also inside jit
         some = [
             jax.tree.map(
                 lambda part, at=at: at(part.groups) if _is_local(part) else part,
