@@ -23,6 +23,8 @@ from ._primitives import primitive
 from ._tracing import is_traced, outside_traces
 from ._types import Array, Float, Int
 
+NODES = 768  # times a power of 2 there is room for nodes
+MANY = 1024  # and times a power of 2 for volume groups and others
 ROWS = 2048  # times a power of 2 rows are evaluated together if each takes little time
 
 
@@ -38,6 +40,11 @@ def rung(count: int, steps: int = 2) -> int:
     while steps * 2 * part < count:
         part *= 2
     return count if count <= steps else -(-count // part) * part
+
+
+def room(count: int, least: int = MANY) -> int:
+    """The ``least`` room times a power of 2: what holds ``count``."""
+    return least * rung(-(-count // least), 1)
 
 
 def step(count: int, sizes: tuple[int, ...]) -> int:

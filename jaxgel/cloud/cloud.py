@@ -14,7 +14,7 @@ import numpy as np
 
 from .._deprecated import old_arguments
 from .._programs import release_programs_if_crowded
-from .._sizes import joined, multiplied, taken
+from .._sizes import NODES, joined, multiplied, padded, resized, room, taken
 from .._tracing import is_traced, outside_traces
 from .._types import Array, Float, Int
 from .._validation import check_kind
@@ -38,8 +38,8 @@ class Cloud:
 
     plate: Plate
     """The plate on which the cloud is placed, as given."""
-    vertices: Float[Array, "v 2"]
-    """Positions of all cell vertices, mm, in the frame of the topology."""
+    placed: Float[Array, "r 2"]
+    """Positions of all cell vertices, mm, in the frame of the topology, with room for more."""
     topology: Topology = dataclasses.field(metadata={"static": True})
     """Connectivity and reference positions; static."""
 
@@ -51,13 +51,18 @@ class Cloud:
         )
 
     @property
+    def vertices(self) -> Float[Array, "v 2"]:
+        """Positions of all cell vertices, mm, in the frame of the topology."""
+        return resized(self.placed, self.topology.partition.vertices.shape)
+
+    @property
     def nodes(self) -> Float[Array, "n 2"]:
         """Node positions, mm."""
         return self.positions(self.topology.node_vertices)
 
     def positions(self, numbers: Int[np.ndarray, " p"]) -> Float[Array, "p 2"]:
         """Positions of the vertices with these ``numbers``, mm."""
-        rows = taken(self.vertices, numbers)
+        rows = taken(self.placed, numbers)
         return rows if is_traced(rows) else jax.device_put(rows)
 
     @property
@@ -80,7 +85,7 @@ class Cloud:
 
         Its holes correspond one to one.
         """
-        return Cloud(plate, place(self.topology, plate), self.topology)
+        return Cloud(plate, _with_room(place(self.topology, plate)), self.topology)
 
 
 @old_arguments
@@ -121,7 +126,7 @@ def make_cloud(
     reference = reference_plate(plate)
     with outside_traces():  # the topology is made of numbers, also inside jit
         topology = _topology(reference, spacing, nodes_per_hole, across)
-    cloud = Cloud(reference, jax.device_put(topology.partition.vertices), topology)
+    cloud = Cloud(reference, _with_room(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)
 
 
@@ -145,6 +150,11 @@ def _topology(given, spacing, nodes_per_hole, across):
     on_grid = topology.node_vertices[topology.node_vertices < topology.n_background]
     check_ligaments(lines, spacing, background.vertices[on_grid])
     return topology
+
+
+def _with_room(vertices):
+    """Positions (v, 2), and the last again, as many as similar clouds have."""
+    return padded(vertices, room(len(vertices), NODES))
 
 
 def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:

@@ -137,9 +137,8 @@ def _states_jvp(search, primals, tangents):
         values = report["value"]
         values_dot = jnp.zeros_like(values) if ends else values_dot
     problem = problem.replace(operators=report["operators"])
-    problem, problem_dot = touching_tangents(
-        problem, problem_dot, [] if in_program else list(x), [] if in_program else list(values)
-    )
+    touched = [() if in_program else np.asarray(differentiated_value(part)) for part in (x, values)]
+    problem, problem_dot = touching_tangents(problem, problem_dot, *map(list, touched))
     shared, shared_dot = shared_tangents(problem, problem_dot)
     x_dot = state_tangents(
         x,

@@ -5,7 +5,7 @@ from .body import NONE, Body, PatchBlock, numbered
 from .connectivity import Connectivity, plate_edge_ends
 from .consistency import consistent_gradients
 from .interpolation import Interpolation, evaluate_points
-from .ladder import MANY, NODES, PAIRS, room
+from .ladder import PAIRS
 from .layout import Cells, cells_of
 from .model import Model, discretise
 from .moving_least_squares import (
@@ -34,9 +34,7 @@ from .weights import safe_sqrt, singular_weight
 __all__ = [
     "BASES",
     "KINDS",
-    "MANY",
     "MIDLINE_POINTS",
-    "NODES",
     "NONE",
     "PAIRS",
     "SIGNS",
@@ -72,7 +70,6 @@ __all__ = [
     "quality",
     "reaching_nodes",
     "refreshed",
-    "room",
     "safe_sqrt",
     "shape_functions",
     "shape_functions_and_gradients",

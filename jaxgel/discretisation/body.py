@@ -20,10 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._sizes import resized, rung
+from .._sizes import NODES, resized, room, rung
 from .._types import Array, Bool, Float, Int, Scalar, Shaped
 from .interpolation import Interpolation
-from .ladder import NODES, of_patch, patches_of_blocks, room
+from .ladder import of_patch, patches_of_blocks
 
 NONE = 2**30  # number of a volume group that no model has
 

@@ -11,12 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compiled import compiled
-from .._sizes import padded, resized
+from .._sizes import padded, resized, room
 from .._types import Array, Float, Int
 from ..cloud import Cloud
 from .connectivity import Connectivity
 from .interpolation import evaluate_groups, widened
-from .ladder import NODES, room
 from .layout import layout_of
 from .pressures import group_weights
 
@@ -34,9 +33,7 @@ def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tu
     interfaces the trace that is common to both sides.
     """
     layout, n_points, n_edges = layout_of(lists), len(lists.cell_of_point), len(lists.contour.ends)
-    nodes, points, weight, on_contour = _placed(
-        padded(cloud.vertices, room(len(cloud.vertices), NODES)), layout
-    )
+    nodes, points, weight, on_contour = _placed(cloud.placed, layout)
     of_patches, owner, on_edges = (
         (layout.nodes, layout.support),
         layout.patch[layout.quadrature.owner],
@@ -79,9 +76,7 @@ def consistent_gradients(
     two places, -1 for the others.
     """
     layout, n_points, n_edges = layout_of(lists), len(lists.cell_of_point), len(lists.contour.ends)
-    _, points, weight, on_contour = _placed(
-        padded(cloud.vertices, room(len(cloud.vertices), NODES)), layout
-    )
+    _, points, weight, on_contour = _placed(cloud.placed, layout)
     nodes, supports = (padded(widened(part), len(layout.nodes)) for part in of_patches)
     ends = np.full(layout.contour.edge_ends.shape, -1)
     ends[:n_edges] = edge_ends

@@ -9,9 +9,7 @@ room for more nodes of a patch costs time.
 from .._sizes import rung, step
 from .neighbours import NEIGHBOURS
 
-NODES = 768  # times a power of 2 there is room for nodes
-MANY = 1024  # and times a power of 2 for volume groups and others
-PAIRS = 2**15  # and for pairs of nodes
+PAIRS = 2**15  # times a power of 2 there is room for pairs of nodes
 FEW = 64  # patches for which there is room in any block
 ALIKE = 512  # patches up to which there is room for as many in every block of a body
 AROUND = 16  # nodes to each cut patch with a linear pressure that there is room for
@@ -21,12 +19,6 @@ OF_SQUARES = (40, 54, 66, 80, 112, 144)
 # quadrature points and contour edges of patches with a linear pressure: whole squares, cut ones
 LINEAR = ((16, 8), (112, 40), (192, 64))
 CONSTANT = ((64, 24), (112, 40), (192, 64))  # of those with a constant one
-
-
-def room(count: int, least: int | None = None) -> int:
-    """The ``least`` room, ``MANY`` by default, times a power of 2: what holds ``count``."""
-    least = MANY if least is None else least
-    return least * rung(-(-count // least), 1)
 
 
 def patches_of_blocks(

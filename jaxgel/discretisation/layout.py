@@ -7,12 +7,12 @@ import jax
 import numpy as np
 
 from .._memo import once_per_owner
-from .._sizes import padded
+from .._sizes import NODES, padded, room
 from .._types import Array, Float, Int
 from ..cloud import Quadrature
 from .connectivity import Connectivity, Contour
 from .interpolation import size_of_groups, widened
-from .ladder import NODES, of_patch, patches_of_blocks, room
+from .ladder import of_patch, patches_of_blocks
 
 
 class Layout(NamedTuple):

@@ -14,10 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 
-from .._sizes import resized
+from .._sizes import NODES, resized, room
 from .._tracing import is_traced
 from .._types import Array, Bool, Float, Int
-from ..discretisation import NODES, room
 
 Entries = tuple[Int[Array, " _"], Int[Array, " _"], Float[Array, " _"]]
 """Rows, columns and values of a sparse matrix."""

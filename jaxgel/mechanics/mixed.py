@@ -29,9 +29,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from .._programs import fitted, program
-from .._sizes import resized
+from .._sizes import MANY, resized
 from .._types import Array, Chemical, Float
-from ..discretisation import MANY, Body, Model
+from ..discretisation import Body, Model
 from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, neo_hookean, network_at
 from .conditions import gather
 from .contact import contact_energy, contact_force

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compiled import compiled
-from .._sizes import resized
+from .._sizes import resized, room
 from .._types import Array, Float, Int
-from ..discretisation import PAIRS, Model, PatchBlock, room
+from ..discretisation import PAIRS, Model, PatchBlock
 from ..materials import LocalGel, gel_at_points
 from .pairs import node_pairs
 from .patchwise import added_over_patches, over_patches

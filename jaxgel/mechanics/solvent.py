@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from .._compiled import compiled
 from .._memo import once_per_owner
-from .._sizes import joined, resized, step, taken
+from .._sizes import joined, resized, room, step, taken
 from .._tracing import is_traced
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
@@ -37,7 +37,6 @@ from ..discretisation import (
     pad_nodes,
     pairs_in_reach,
     plate_edge_ends,
-    room,
 )
 from ..geometry import edge_lines
 from .local_gel import group_positions, reference_groups

@@ -13,11 +13,11 @@ import numpy as np
 from .._compiled import compiled
 from .._memo import once_per_owner
 from .._programs import program
-from .._sizes import resized
+from .._sizes import resized, room
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from ..continuation import Path
-from ..discretisation import Body, Cells, Connectivity, Model, cells_of, make_probe, room
+from ..discretisation import Body, Cells, Connectivity, Model, cells_of, make_probe
 from ..materials import (
     LocalGel,
     LocalValues,

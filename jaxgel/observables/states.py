@@ -9,11 +9,11 @@ import jax
 import numpy as np
 
 from .._compiled import compiled
-from .._sizes import resized
+from .._sizes import NODES, resized, room
 from .._types import Array, Float
 from .._validation import kind_in_words
 from ..continuation import Path
-from ..discretisation import NODES, Body, Interpolation, Model, room
+from ..discretisation import Body, Interpolation, Model
 from ..mechanics import Loops, loops_of
 
 ROUNDED = 1e-3  # of the values of a path, or of their range: values that people type are rounded

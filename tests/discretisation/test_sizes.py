@@ -7,10 +7,10 @@ import pytest
 from jax import monitoring
 
 import jaxgel
-from jaxgel._sizes import padded, rung, taken
+from jaxgel._sizes import padded, room, rung, taken
 from jaxgel.discretisation import consistency, layout
 from jaxgel.discretisation.interpolation import size_of_groups
-from jaxgel.discretisation.ladder import patches_of_blocks, room
+from jaxgel.discretisation.ladder import patches_of_blocks
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
 
