@@ -1,6 +1,5 @@
 """Cases and studies in TOML files: plates, gels, options, parameter maps, interrupted runs."""
 
-from .batches import DEVICES
 from .case import Case, from_table, load_case
 from .error_bars import accuracy_of, point_accuracy_of, slope_accuracy_of
 from .map_runs import POINT, TABLE, run_map
@@ -24,7 +23,6 @@ from .uncertain import (
 )
 
 __all__ = [
-    "DEVICES",
     "DIFFERENTIABLE",
     "GRID",
     "OPTIMA",

@@ -1,40 +1,38 @@
 """Points of a map in batches, each swept by one compiled program on the devices of JAX.
 
 The program makes model and problem of each point on the cloud of the study's own plate, sweeps it
-and, if asked, differentiates its last state. It serves points that this cloud can carry, with the
-states that `sweep` finds inside ``jax.jit`` (see docs/howto/many.md): all others are left to the
-host's sweep. A batch whose points have symmetries in common is swept on a region of the plate.
+and, if asked, differentiates its last state. It serves points that this cloud can carry, see
+`continuation.Batched`: all others are left to the host's sweep.
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
 
 from .._types import Float
 from ..bifurcation import sweep_by_options
 from ..cloud import Cloud
-from ..continuation import SCALARS, Path, group_of_sweep
+from ..continuation import (
+    GROUPS,
+    SCALARS,
+    Batched,
+    Device,
+    Path,
+    check_for_batches,
+    columns_of,
+    group_of_sweep,
+)
 from ..equilibrium import Status
 from ..geometry import check_plate
 from ..mechanics import Problem
 from ..observables import QUANTITIES, is_flat
-from ..symmetry import NAMES
 from .case import Case
 from .parameter_map import MapStudy
 from .response import RESPONSES, problem_at
-
-DEVICES = ("cpu", "gpu", "auto")
-ON_CPU, MOST = 16, 256  # points of a batch on each device: of a CPU, and of others at most
-SHARE, COPIES = 0.8, 6  # of a device's memory that is used; arrays like those of a problem
-COLUMNS = ("x", "pressure", *SCALARS)
-GROUPS = tuple(NAMES.values())  # a program gives the number of a state's symmetry group
-Device = Any  # of JAX, whose own type is no class for type checkers
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,55 +47,16 @@ class BatchPoint:
     """Derivatives of ``RESPONSES`` at the last state; None if not asked for, or not all numbers."""
 
 
-def devices_of(name: str | None) -> list[Device]:
-    """The devices on which ``name`` sweeps the points of a map; none for the host's sweep.
-
-    ``name`` is one of ``DEVICES``; "auto" takes the accelerators that JAX sees, if any. ValueError
-    for another name, and for "gpu" if there is none.
-    """
-    if name is None:
-        return []
-    if name not in DEVICES:
-        raise ValueError(f"device: {name!r} is not accepted; give one of {', '.join(DEVICES)}")
-    if name == "cpu":
-        return jax.local_devices(backend="cpu")
-    found = [device for device in jax.local_devices() if device.platform != "cpu"]
-    if name == "gpu" and not found:
-        raise ValueError(
-            "device: 'gpu' is not accepted, JAX sees the CPU only; give cpu or auto (for "
-            "NVIDIA's: pip install 'jaxgel[cuda]')"
-        )
-    return found
-
-
-def check_for_batches(case: Case) -> None:
-    """Raise ValueError, one line, for a sweep that no compiled program follows."""
-    own = case.sweep
-    for name, refused in (
-        ("steps", own.steps == "auto" and not own.listed),
-        ("branch", own.branch != "stable"),
-        ("imperfection", own.imperfection != 0),
-        ("contact", own.contact == "stop"),
-        ("eigenvalues", own.eigenvalues),
-    ):
-        if refused:
-            raise ValueError(
-                f"device: sweep.{name} = {getattr(own, name)!r} is for the host's sweep alone; "
-                "leave --device out"
-            )
-
-
 class Batches:
     """The compiled program of a study's points; ValueError for a sweep that it cannot follow."""
 
     def __init__(self, study: MapStudy, cloud: Cloud, devices: list[Device]) -> None:
-        check_for_batches(study.case)
-        self.study, self.cloud, self.devices = study, cloud, devices
+        check_for_batches(study.case.sweep)
+        self.study, self.cloud = study, cloud
         self._model = study.case.discretisation.model(cloud)
         problem = study.case.problem(self._model).prepared
-        self.size = _room(problem, devices[0]) * len(devices)
+        self.program = Batched(self._sheet, problem, devices)
         self._names = _known(problem) if study.gradients else []
-        self._programs: dict[tuple[str, ...], Callable] = {}
 
     def swept(self, points: dict[int, dict]) -> Iterator[dict[int, BatchPoint | None]]:
         """The points, number -> values, batch after batch; None if the host has to sweep one.
@@ -107,7 +66,7 @@ class Batches:
         ready = {}
         for number, values in points.items():
             ready[number] = self._placed(values)
-            if len(ready) == self.size:
+            if len(ready) == self.program.size:
                 yield self._batch(points, ready)
                 ready = {}
         if ready:
@@ -134,57 +93,20 @@ class Batches:
         numbers = [number for number, one in ready.items() if one is not None]
         if not numbers:
             return found
-        # a batch that is not full repeats its last point
-        chosen = [*numbers, *[numbers[-1]] * (self.size - len(numbers))]
         given = {
-            name: np.stack([np.asarray(points[number][name], dtype=float) for number in chosen])
+            name: np.stack([np.asarray(points[number][name], dtype=float) for number in numbers])
             for name in points[numbers[0]]
         }
-        values = np.stack([ready[number][0].sweep.numbers for number in chosen])
+        values = np.stack([ready[number][0].sweep.numbers for number in numbers])
         groups = [ready[number][2] for number in numbers]
-        program = self._program_for(
-            tuple(name for name in groups[0] if all(name in group for group in groups))
-        )
-        columns, rows = self._run(program, given, values)
+        common = tuple(name for name in groups[0] if all(name in group for group in groups))
+        columns, rows = self.program(common, given, values)
         for k, number in enumerate(numbers):
             if np.all(columns["status"][k] == Status.CONVERGED):
                 case, problem, _ = ready[number]
                 path = _path(problem, {name: column[k] for name, column in columns.items()})
                 found[number] = BatchPoint(case, path, self._jacobian(path, rows[k]))
         return found
-
-    def _program_for(self, group):
-        """The program that sweeps points with a ``group`` of symmetries."""
-        if group not in self._programs:
-            sheet = functools.partial(self._sheet, NAMES[group] if group else "off")
-            over = PartitionSpec("points")
-            self._programs[group] = jax.jit(
-                jax.shard_map(
-                    jax.vmap(sheet),
-                    mesh=Mesh(np.array(self.devices), ("points",)),
-                    in_specs=over,
-                    out_specs=over,
-                    check_vma=False,
-                )
-            )
-        return self._programs[group]
-
-    def _run(self, program, given, values):
-        """Columns of all points, and derivatives; of fewer at a time if memory is exhausted."""
-        size = self.size
-        try:
-            parts = [
-                jax.device_get(
-                    program(*jax.tree.map(lambda array, k=k: array[k : k + size], (given, values)))
-                )
-                for k in range(0, len(values), size)
-            ]
-        except jax.errors.JaxRuntimeError as problem:
-            if "RESOURCE_EXHAUSTED" not in str(problem) or size // 2 < len(self.devices):
-                raise
-            self.size = size // 2
-            return self._run(program, given, values)
-        return jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
 
     def _sheet(self, symmetry, point, values):
         """The columns of a point's path, and the derivatives (r, d) of its last state."""
@@ -194,9 +116,7 @@ class Batches:
         def last(point):
             problem = problem_at(study, point, self._model)
             path = sweep_by_options(problem, options, values=values)
-            columns = {name: getattr(path, name) for name in COLUMNS}
-            columns["symmetry"] = jnp.array([GROUPS.index(name) for name in path.symmetry])
-            return [QUANTITIES[name].function(path)[-1] for name in self._names], columns
+            return [QUANTITIES[name].function(path)[-1] for name in self._names], columns_of(path)
 
         if not self._names:
             return last(point)[1], jnp.zeros((0, 0))
@@ -235,14 +155,3 @@ def _known(problem: Problem) -> list[str]:
     columns = {name: np.zeros(1, int) for name in (*SCALARS, "symmetry")}
     path = _path(problem, columns | {"x": x[None], "pressure": np.zeros((1, problem.lengths["g"]))})
     return [name for name in RESPONSES if np.isfinite(QUANTITIES[name].of(path)[-1])]
-
-
-def _room(problem: Problem, device: Device) -> int:
-    """Points of a batch on one device, a power of 2."""
-    if device.platform == "cpu":
-        return ON_CPU
-    limit = (device.memory_stats() or {}).get("bytes_limit")
-    if limit is None:
-        return MOST
-    each = COPIES * sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves(problem.shared))
-    return 2 ** int(np.log2(np.clip(SHARE * limit / each, 1, MOST)))

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from ..continuation import Path
+from ..continuation import Path, devices_of
 from ..equilibrium import Observer
 from ..io import (
     Recorder,
@@ -41,7 +41,7 @@ from ..io import (
     write_json,
 )
 from ..observables import COLUMNS
-from .batches import Batches, devices_of
+from .batches import Batches
 from .parameter_map import FORMAT, MAP, MapStudy, map_from_table, resumed_map
 from .parameters import components
 from .response import Response, derivative_columns

@@ -165,15 +165,15 @@ class Study:
     """The study as a table that `study_from_table` reads; JSON can hold it."""
 
     def run(
-        self, folder: File | str | None = None, *, resume: bool = False, quiet: bool = True
+        self, folder: File | str | None = None, *, quiet: bool = True, **options: Any
     ) -> Design:
         """`Design` of the search from the problem's start, logged in ``folder`` if given.
 
-        See `optimise`.
+        With ``options`` of `optimise`, such as ``resume``.
         """
         record = {"study": self.table, "name": self.name}
         return optimise(
-            self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search
+            self.problem, folder=folder, record=record, quiet=quiet, **self.search, **options
         )
 
     def verify(self, parameters: dict[str, Any], **options: Any) -> tuple[dict[str, Any], Path]:

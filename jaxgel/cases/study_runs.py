@@ -12,11 +12,13 @@ the first points of a scrambled Sobol sequence within the bounds whose plates ca
 the constraints on the dry plate.
 
 The searches run on any ``concurrent.futures.Executor``, as the points of a map do (see `map_runs`),
-but their gradients need two threads of XLA (OMP_NUM_THREADS=1, NPROC=2).
+but their gradients need two threads of XLA (OMP_NUM_THREADS=1, NPROC=2). With a ``device`` they run
+in this process, and one compiled program evaluates their designs in batches, see `design.Together`.
 """
 
 import concurrent.futures
 import dataclasses
+import functools
 import json
 import time
 from pathlib import Path as File
@@ -24,9 +26,11 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from tqdm import tqdm
 
 from .._validation import Inadmissible
-from ..design import FEASIBLE, Design, Outcome, read_log
+from ..continuation import devices_of
+from ..design import FEASIBLE, Design, Outcome, Together, read_log
 from ..io import (
     InThisProcess,
     failure,
@@ -66,6 +70,7 @@ def run_study(
     folder: File | str,
     *,
     executor: concurrent.futures.Executor | None = None,
+    device: str | None = None,
     resume: bool = False,
     quiet: bool = True,
 ) -> tuple[Design, dict[str, Any] | None]:
@@ -73,15 +78,20 @@ def run_study(
 
     Returns the `Design` and the content of verified.json: ``start`` and ``best``, each as `verify`
     gives it. An interrupted search leaves its log alone: None in place of the content. Several
-    starts run on the ``executor``, by default in this process, one after another, and the result is
-    that of the best of them, the others are rows of starts.csv; their interruption is a
-    KeyboardInterrupt. Searches that have ended are not run again; ``resume`` says that there may be
-    such. ValueError if no start is a valid design.
+    starts run on the ``executor``, by default in this process, one after another, or together on a
+    ``device`` of ``DEVICES``, and the result is that of the best of them, the others are rows of
+    starts.csv; their interruption is a KeyboardInterrupt. Searches that have ended are not run
+    again; ``resume`` says that there may be such. ValueError if no start is a valid design, and for
+    a device and a single start.
     """
-    folder = File(folder)
+    folder, devices = File(folder), devices_of(device)
     if study.starts > 1:
-        study, design = _best_of_starts(
-            study, open_folder(folder), executor or InThisProcess(), resume, quiet
+        run = _run_together(study, devices) if devices else _run_on(executor or InThisProcess())
+        study, design = _best_of_starts(study, open_folder(folder), run, resume, quiet)
+    elif device is not None:
+        raise ValueError(
+            f"device: {device!r} is for several searches at once; give search.starts, or leave "
+            "--device out"
         )
     else:
         design = study.run(folder, resume=resume, quiet=quiet)
@@ -101,18 +111,18 @@ def resumed_study(folder: File | str) -> Study:
     return study_from_table(record["study"], str(record.get("name", "design")))
 
 
-def run_start(text: str, folder: str) -> dict[str, Any]:
+def run_start(text: str, folder: str, member: Any = None) -> dict[str, Any]:
     """Run or continue one of several searches in its folder.
 
     A dict of ``outcome``, ``reason``, ``seconds`` and ``design``. ``text`` is JSON with the study's
     name and table; ``design`` has the fields of `Design`, and is None if the search failed, for the
-    ``reason`` given. For an executor's processes.
+    ``reason`` given. For an executor's processes, or as a ``member`` of searches in this one.
     """
     record, place, began = json.loads(text), open_folder(folder), time.perf_counter()
     outcome, reason, design = "failed", "", None
     try:
         found = study_from_table(record["study"], record["name"]).run(
-            place, resume=(place / "design.json").exists()
+            place, resume=(place / "design.json").exists(), member=member
         )
         if found.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
@@ -156,25 +166,48 @@ def draw_starts(study: Study) -> list[dict[str, Any]]:
     return [{name: np.asarray(value).tolist() for name, value in start.items()} for start in starts]
 
 
-def _best_of_starts(study, folder, executor, resume, quiet):
-    """The study of the best of several searches, and its `Design`."""
+def _run_on(executor):
+    """Function like `run_calls` that runs `run_start` on an executor."""
+    return functools.partial(run_calls, run_start, executor=executor, unit="start")
+
+
+def _run_together(study, devices):
+    """Function like `_run_on` for searches in this process, evaluated by one program."""
+
+    def run(calls, *, ended, write, quiet, **_):
+        problem, results = study.problem, dict(ended)
+        left = {key: call for key, call in calls.items() if key not in results}
+        write(results)
+        if left:
+            cloud = problem.make_cloud(problem.plate(problem.start))
+            searches = {key: functools.partial(run_start, *call) for key, call in left.items()}
+            found = Together(problem, cloud, devices).run(searches)
+            for key, result in tqdm(
+                found, total=len(left), unit="start", disable=True if quiet else None, leave=False
+            ):
+                results[key] = result
+                write(results)
+        return results
+
+    return run
+
+
+def _best_of_starts(study, folder, run, resume, quiet):
+    """The study of the best of several searches, which ``run`` runs, and its `Design`."""
     starts = dict(enumerate(_begin(study, folder, resume), start=1))
     tables = {k: _from_start(study.table, start) for k, start in starts.items()}
     places = {k: folder / "starts" / f"{k:03d}" for k in starts}
     records = {k: read_record(place / START, FORMAT) or {} for k, place in places.items()}
-    results = run_calls(
-        run_start,
+    results = run(
         {
             k: (json.dumps({"name": study.name, "study": table}), str(places[k]))
             for k, table in tables.items()
         },
-        executor,
         ended={
             k: record["result"] for k, record in records.items() if record.get("study") == tables[k]
         },
         lost=lambda reason: dict(outcome="lost", reason=reason, seconds=None, design=None),
         write=lambda results: _write_table(study.problem, starts, results, folder),
-        unit="start",
         quiet=quiet,
     )
     best = _best(study.problem, results)

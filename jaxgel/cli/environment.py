@@ -99,7 +99,7 @@ def cache_folder(cache: str | None = None) -> str | None:
 
 
 def prepare_device(device: str | None) -> None:
-    """Let JAX see accelerators if ``device``, of `cases.DEVICES`, may be one; not in workers.
+    """Let JAX see accelerators if ``device``, one of `DEVICES`, may be one; not in workers.
 
     The CPU stays the default. To be called before JAX computes anything. A user's ``JAX_PLATFORMS``
     is kept.

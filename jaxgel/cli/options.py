@@ -3,7 +3,8 @@
 from argparse import ArgumentParser, ArgumentTypeError
 
 from .._validation import is_number
-from ..cases import DEVICES, case_schema
+from ..cases import case_schema
+from ..continuation import DEVICES
 from .environment import CACHE
 
 DIGITS = 30  # read of a whole number, far beyond all that are accepted

@@ -143,6 +143,7 @@ def _study_commands(add):
         action="store_true",
         help="continue the search, or the searches, whose logs are in the folder",
     )
+    device_option(p, "the designs of several searches")
 
     p = worker_options(
         add("studies.map_points", "map", "sweep many points in the space of a case's parameters")

@@ -37,6 +37,7 @@ SHOWN = (
 
 def design(args: Namespace) -> int:
     """``jaxgel design``: search the best holes of a study, verify them, write its folder."""
+    prepare_device(args.device)
     study = load_study(args.study)
     return run_design(study, args.out or File("out") / study.name, args)
 
@@ -44,11 +45,18 @@ def design(args: Namespace) -> int:
 def run_design(study: Study, folder: File | str, args: Namespace, resume: bool = False) -> int:
     """Search, verify and report a study; the exit code."""
     say, resume = printer(args), resume or getattr(args, "resume", False)
-    workers = _workers(args, GRADIENT_THREADS) if study.starts > 1 else contextlib.nullcontext()
+    device = getattr(args, "device", None)
+    several = study.starts > 1 and device is None
+    workers = _workers(args, GRADIENT_THREADS) if several else contextlib.nullcontext()
     try:
         with workers as executor:
             found, verified = run_study(
-                study, open_folder(folder), executor=executor, resume=resume, quiet=args.quiet
+                study,
+                open_folder(folder),
+                executor=executor,
+                device=device,
+                resume=resume,
+                quiet=args.quiet,
             )
     except KeyboardInterrupt:
         verified = None

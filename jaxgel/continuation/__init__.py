@@ -2,6 +2,7 @@
 
 from .._deprecated import old_names
 from .autodiff import IllPosedDerivative, warn_of_ill_posed
+from .batched import DEVICES, GROUPS, Batched, Device, check_for_batches, columns_of, devices_of
 from .eigenvalue import lowest_eigenvalue
 from .first import SweepFailed, first_state_failed
 from .follow import BRANCHES, Followed, Following
@@ -18,11 +19,15 @@ from .traced_search import RESIDUAL, TracedSearch, padded_columns
 __all__ = [
     "ACCURACY",
     "BRANCHES",
+    "DEVICES",
+    "GROUPS",
     "OF_SOLVENT",
     "RESIDUAL",
     "SCALARS",
     "STEP_CONTROL",
     "Adaptive",
+    "Batched",
+    "Device",
     "Followed",
     "Following",
     "IllPosedDerivative",
@@ -33,8 +38,11 @@ __all__ = [
     "SweepOptions",
     "TracedSearch",
     "across",
+    "check_for_batches",
     "check_is_path",
     "check_sweep",
+    "columns_of",
+    "devices_of",
     "extrapolated",
     "first_state_failed",
     "given_values",

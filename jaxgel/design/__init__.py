@@ -19,6 +19,7 @@ from .problem import DesignProblem
 from .robust import Spread
 from .search import FEASIBLE, check_path, read_log
 from .switches import SWITCHES, barrier_height, fold_down, fold_up, loop_width, onset
+from .together import Together
 from .verification import intervals, verify
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "Invalid",
     "Outcome",
     "Spread",
+    "Together",
     "barrier_height",
     "bound",
     "check_path",

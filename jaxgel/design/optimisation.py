@@ -16,6 +16,7 @@ from .lagrangian import Exhausted, Stuck
 from .optimisers import METHODS, MOST_DENSE, optimiser
 from .problem import DesignProblem, violation
 from .search import FEASIBLE, Search
+from .together import Member
 from .transformations import check_transformation
 
 
@@ -80,6 +81,7 @@ def optimise(
     resume: bool = False,
     record: dict[str, Any] | None = None,
     quiet: bool = True,
+    member: Member | None = None,
 ) -> Design:
     """Best `Design` of a design problem within a number of sweeps, from the start of the problem.
 
@@ -98,6 +100,7 @@ def optimise(
       interruption.
     - `record`: dict stored with the log.
     - `quiet`: whether to print no progress.
+    - `member`: what a `Together` gives to each of several searches at once; none by default.
 
     Returns the design; `outcome` says how the search ended, also if the user interrupted it.
 
@@ -127,6 +130,7 @@ def optimise(
         name=str(method) if method in METHODS else "optax",
         record=record,
         quiet=quiet,
+        member=member,
     )
     if resume:
         search.recall()

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from .._deprecated import old_arguments
 from .._types import Array, Float, Scalar
@@ -19,6 +18,7 @@ from ..geometry import Plate, check_plate
 from ..materials import AnyGel, check_gel
 from ..mechanics import Loads
 from ..transient import Bath, TimeOptions, TimeSteps, swell
+from .criteria import Constraint
 from .robust import Spread
 
 
@@ -112,13 +112,16 @@ class DesignProblem:
     @property
     def vector(self) -> Float[np.ndarray, " d"]:
         """The start, scaled to [0, 1] by its bounds."""
-        return np.clip(
-            (np.asarray(ravel_pytree(self.start)[0]) - self._lower) / self._range, 0.0, 1.0
-        )
+        return np.clip((_flat(self.start) - self._lower) / self._range, 0.0, 1.0)
 
     def parameters(self, vector: Float[Array, " d"]) -> dict:
         """The dict of parameters of a scaled ``vector``, which may be traced."""
-        return ravel_pytree(self.start)[1](self._lower + self._range * vector)
+        values, found, first = self._lower + self._range * vector, {}, 0
+        for name in sorted(self.start):
+            last = first + self.start[name].size
+            found[name] = values[first:last].reshape(self.start[name].shape)
+            first = last
+        return found
 
     def gel_at(self, parameters: dict) -> AnyGel:
         """The gel of a dict of parameters."""
@@ -192,6 +195,26 @@ class DesignProblem:
             jnp.stack([jnp.asarray(self.objective(one)) for one in made]), self.maximise
         )
 
+    def judged(
+        self, vector: Float[Array, " d"], cloud: Cloud
+    ) -> tuple[Float[Array, " c"], list[Path], dict[str, Scalar]]:
+        """Objective, to be minimised, and scaled constraints on the path (1 + w,) of a design.
+
+        Also its path and those `as_made`, and what is reported. The ``vector`` is scaled, and may
+        be traced; the cloud is placed there.
+        """
+        parameters = self.parameters(vector)
+        path, made = self.path(parameters, cloud), self.as_made(parameters, cloud)
+        values = [self.value(path, made) * (-1.0 if self.maximise else 1.0)]
+        values += [jnp.asarray(c.function(path)) / c.scale for c in self.of_path]
+        reported = {name: function(path) for name, function in self.reported.items()}
+        return jnp.stack(values), [path, *made], reported
+
+    @property
+    def of_path(self) -> list[Constraint]:
+        """The constraints on the path, the others need no sweep."""
+        return [c for c in self.constraints if not (c.dry or c.of_gel)]
+
     def _path(self, plate, gel, cloud, values):
         model = self.options.model(cloud.at(plate))
         problem = problem_by_options(model, gel, self.sweep, loads=self.loads.of(model))
@@ -216,15 +239,16 @@ class DesignProblem:
 
     @property
     def _lower(self):
-        return np.asarray(
-            ravel_pytree({name: lower for name, (lower, _) in self.bounds.items()})[0]
-        )
+        return _flat({name: lower for name, (lower, _) in self.bounds.items()})
 
     @property
     def _range(self):
-        return np.asarray(
-            ravel_pytree({name: upper - lower for name, (lower, upper) in self.bounds.items()})[0]
-        )
+        return _flat({name: upper - lower for name, (lower, upper) in self.bounds.items()})
+
+
+def _flat(parameters):
+    """The values (d,) of a dict, in the order of its sorted names."""
+    return np.concatenate([np.ravel(parameters[name]) for name in sorted(parameters)])
 
 
 def violation(scaled: Iterable[float]) -> float:

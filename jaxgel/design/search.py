@@ -30,6 +30,7 @@ from ..materials import check_gel
 from ..mechanics import overlaps
 from .lagrangian import Exhausted, Invalid
 from .problem import DesignProblem, violation
+from .together import Member
 
 LOG = "design.json"
 FORMAT = 3  # of the log
@@ -48,7 +49,9 @@ class Search:
         name: str = "",
         record: dict | None = None,
         quiet: bool = True,
+        member: Member | None = None,
     ) -> None:
+        self.member = member  # of searches whose designs are evaluated together
         self.problem, self.evaluations, self.name, self.record = (
             problem,
             evaluations,
@@ -69,12 +72,14 @@ class Search:
         )
         dry = self._plate(self.start)
         self.dry = [c for c in problem.constraints if c.dry or c.of_gel]
-        self.of_path = [c for c in problem.constraints if not (c.dry or c.of_gel)]
+        self.of_path = problem.of_path
         self._dry_parts = [(c, np.size(c.function(dry)) if c.dry else 1) for c in self.dry]
 
     def first(self) -> None:
         """Evaluate the start; ValueError, one line, if it is no valid design."""
-        self.cloud, self.clouds = self.problem.make_cloud(self._plate(self.start)), 1
+        plate = self._plate(self.start)
+        shared = None if self.member is None else self.member.cloud_for(plate)
+        self.cloud, self.clouds = shared or self.problem.make_cloud(plate), 1
         try:
             self._sound(self.start)
         except Invalid as reason:
@@ -269,16 +274,15 @@ class Search:
         if not cell_sizes(self.cloud.at(plate))[0] > SPENT:
             raise Invalid("too far from the last design for its cloud")
 
+        if self.member is not None and self.cloud is self.member.together.cloud:
+            found = self.member.values(vector)
+            if found is not None:
+                values, rows = found
+                return values, lambda weights: (np.asarray(weights) @ rows,), {}
+
         def evaluate(vector):
-            parameters = problem.parameters(vector)
-            path, made = (
-                problem.path(parameters, self.cloud),
-                problem.as_made(parameters, self.cloud),
-            )
-            values = [problem.value(path, made) * (-1.0 if problem.maximise else 1.0)]
-            values += [jnp.asarray(c.function(path)) / c.scale for c in self.of_path]
-            reported = {name: function(path) for name, function in problem.reported.items()}
-            return jnp.stack(values), ([path, *made], reported)
+            values, paths, reported = problem.judged(vector, self.cloud)
+            return values, (paths, reported)
 
         values, pullback, (paths, reported) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
         for path in paths:

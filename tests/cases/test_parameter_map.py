@@ -17,7 +17,6 @@ import threading
 import time
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from studies import TINY
@@ -27,7 +26,6 @@ from jaxgel.cases import (
     POINT,
     PROBLEM,
     TABLE,
-    batches,
     load_map,
     load_path,
     map_runs,
@@ -36,8 +34,8 @@ from jaxgel.cases import (
     resumed_map,
     run_map,
 )
-from jaxgel.cases.batches import devices_of
 from jaxgel.cli import command_line as cli
+from jaxgel.continuation import batched, devices_of
 from jaxgel.io import TRIES, InThisProcess, Workers, load_run
 
 SQUARE = """
@@ -565,7 +563,7 @@ def test_a_program_sweeps_in_batches_what_the_cloud_carries_and_the_host_the_oth
     tmp_path, monkeypatch
 ):
     """The same table and folders; what has ended is not run again; a kill loses one batch."""
-    monkeypatch.setattr(batches, "ON_CPU", 2)
+    monkeypatch.setattr(batched, "ON_CPU", 2)
     mapped = study(tmp_path, ROUND)
     by_host = run_map(mapped, tmp_path / "host", Inline())
     executor = Inline()
@@ -606,29 +604,6 @@ def test_devices_and_sweeps_that_no_program_has_are_refused(tmp_path, refused):
         ],
     )
     assert devices_of(None) == devices_of("auto") == []
-
-
-def test_a_batch_that_exhausts_the_memory_is_halved_and_another_error_is_raised():
-    """By a program that takes 2 points at most in place of the compiled one."""
-    made = object.__new__(batches.Batches)
-    made.devices, made.size, sizes = ["one"], 8, []
-
-    def program(given, values):
-        sizes.append(len(values))
-        if len(values) > 2:
-            raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory")
-        return {"x": given["Nv"] * 2}, values
-
-    columns, rows = made._run(program, {"Nv": np.arange(8.0)}, np.arange(8.0)[:, None])
-    np.testing.assert_array_equal(columns["x"], 2 * np.arange(8.0))
-    np.testing.assert_array_equal(rows[:, 0], np.arange(8.0))
-    assert (sizes, made.size) == ([8, 4, 2, 2, 2, 2], 2)
-
-    def broken(*_):
-        raise jax.errors.JaxRuntimeError("INTERNAL: no kernel")
-
-    with pytest.raises(jax.errors.JaxRuntimeError, match="INTERNAL"):
-        made._run(broken, {"Nv": np.zeros(2)}, np.zeros((2, 1)))
 
 
 @pytest.mark.slow
