@@ -11,8 +11,9 @@ from .salib import PROBLEM
 from .samples import GRID, SIDE, case_names, sample, sample_names
 from .schema import OutputOptions, case_schema
 from .sensitivities import Sensitivity, map_sensitivity, sensitivity
+from .starts import OPTIMA, draw_starts
 from .study import Study, load_study, study_from_table
-from .study_runs import OPTIMA, VERIFIED, draw_starts, resumed_study, run_study
+from .study_runs import VERIFIED, resumed_study, run_study
 from .toml import case_text, example, explicit
 from .uncertain import (
     UncertainInput,

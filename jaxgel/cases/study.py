@@ -20,7 +20,7 @@ file, a study has
                      or one of these ``SWITCHES`` and one of above, below, within
     [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of
                      searches (1), each from other start values within the bounds, and seed (0) by
-                     which those are drawn, see `study_runs`
+                     which those are drawn, see `starts`
     [robust]         uncertainty = {semi_axes = "1 %"}, see `uncertain`, weight (1) and samples
                      (16): the objective is the mean over samples of the design as it is made, worse
                      by so many standard deviations, see `Spread`

@@ -26,8 +26,8 @@ from jaxgel.cases import (
     draw_starts,
     resumed_study,
     run_study,
+    starts,
     study_from_table,
-    study_runs,
 )
 from jaxgel.cli import command_line as cli
 from jaxgel.design import read_log, search
@@ -294,7 +294,7 @@ def test_the_picture_of_the_optima_has_the_parameters_in_the_order_of_their_name
     monkeypatch.setattr("jaxgel.plotting.draw_optima", draw)
     found = {"angle": 0.4, "semi_axes": [2.1, 1.8]}
     design = {"parameters": found, "value": 2.0, "history": [{"value": None}], "feasible": True}
-    study_runs._draw_optima(study().problem, {2: {"design": design}, 1: {"design": None}}, tmp_path)
+    starts._draw_optima(study().problem, {2: {"design": design}, 1: {"design": None}}, tmp_path)
     ((names, shares, values, at_start, feasible),) = drawn
     assert names == ["semi_axes_0", "semi_axes_1", "angle"]
     np.testing.assert_allclose(shares, [[0.0, 1.0, 0.5]], atol=1e-12)
