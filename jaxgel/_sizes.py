@@ -42,8 +42,9 @@ def rung(count: int, steps: int = 2) -> int:
     return count if count <= steps else -(-count // part) * part
 
 
-def room(count: int, least: int = MANY) -> int:
-    """The ``least`` room times a power of 2: what holds ``count``."""
+def room(count: int, least: int | None = None) -> int:
+    """The ``least`` room, ``MANY`` by default, times a power of 2: what holds ``count``."""
+    least = MANY if least is None else least
     return least * rung(-(-count // least), 1)
 
 

@@ -10,8 +10,9 @@ import pytest
 from jax import monitoring
 
 import jaxgel
-from jaxgel import observables
-from jaxgel.discretisation import body, consistency, ladder, layout, neighbours
+from jaxgel import _sizes, observables
+from jaxgel.cloud import cloud as placing
+from jaxgel.discretisation import body, ladder, layout, neighbours
 from jaxgel.mechanics import (
     condensed_rhs,
     conditions,
@@ -51,9 +52,14 @@ def _widen(patch):
     """More room for everything."""
     wider = {"NODES": 1000, "MANY": 2048, "SHARE": 3.0, "NEIGHBOURS": (150,), "OF_SQUARES": (150,)}
     for name, more in {**wider, "LINEAR": ((200, 70),), "CONSTANT": ((210, 75),)}.items():
-        for module in (body, conditions, consistency, ladder, layout, neighbours):
-            if hasattr(module, name):
-                patch.setattr(module, name, more)
+        modules = [
+            module
+            for module in (_sizes, body, conditions, ladder, layout, neighbours, placing)
+            if hasattr(module, name)
+        ]
+        assert modules
+        for module in modules:
+            patch.setattr(module, name, more)
 
 
 @pytest.mark.thorough
@@ -127,14 +133,28 @@ def compiled(run):
 
 
 @pytest.mark.thorough
-def test_a_second_plate_compiles_nothing():
-    """Neither for its cloud and sweep nor for the gradient by its holes."""
+def test_a_second_plate_compiles_nothing_and_a_first_one_little():
+    """Neither for its cloud and sweep nor for the gradient by its holes; it has other numbers."""
+    sizes = []
+
+    def rotation(axes, plate, cloud):
+        model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}])))
+        return jaxgel.core_rotation(jaxgel.sweep(jaxgel.Problem(model, GEL), VALUES))[-1]
 
     def run(axes):
-        jax.value_and_grad(lambda axes: turned(axes, plate_of(axes))[0])(jnp.array(axes))
+        cloud = jaxgel.make_cloud(plate_of(axes))
+        jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud), GEL), VALUES)
+        sizes.append((len(cloud.nodes), len(cloud.vertices)))
 
-    run((2.34, 1.66))
-    assert compiled(lambda: run((2.38, 1.63))) == []
+    def differentiate(axes):
+        plate = plate_of(axes)
+        jax.grad(rotation)(jnp.array(axes), plate, jaxgel.make_cloud(plate))
+
+    jax.clear_caches()
+    assert 10 < len(compiled(lambda: run((2.34, 1.66)))) <= 25
+    assert 10 < len(compiled(lambda: differentiate((2.34, 1.66)))) <= 25
+    assert compiled(lambda: (run((2.0, 1.6)), differentiate((2.0, 1.6)))) == []
+    assert sizes[0][0] != sizes[1][0] and sizes[0][1] != sizes[1][1]
 
 
 @pytest.mark.thorough
