@@ -13,7 +13,7 @@ import numpy as np
 from .._compiled import compiled
 from .._memo import once_per_owner
 from .._programs import program
-from .._sizes import resized, room
+from .._sizes import NODES, resized, room
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from ..continuation import Path
@@ -42,6 +42,8 @@ from ..mechanics import (
     volume_ratios,
 )
 from .states import States, of_path, positions_of
+
+CELLS_OF_NODE = 8  # that there is room for, on average
 
 
 @of_path
@@ -377,5 +379,6 @@ def _cells_of_nodes(lists: Connectivity) -> tuple[np.ndarray, np.ndarray, np.nda
     pairs = pairs[node_region[pairs[:, 0]] == part.region_of_cell[pairs[:, 1]]]
     node, cell = np.unique(pairs, axis=0).T
     share = 1 / np.bincount(node)[node]
-    size = (room(len(node)),)
+    # as many as clouds with so many nodes have, or more
+    size = (max(CELLS_OF_NODE * room(len(topology.node_vertices), NODES), room(len(node))),)
     return resized(node, size), resized(cell, size), resized(share, size)
