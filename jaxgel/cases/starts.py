@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import json
 import time
-from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path as File
 from typing import Any
@@ -107,13 +106,13 @@ def draw_starts(study: Study) -> list[dict[str, Any]]:
     return [{name: np.asarray(value).tolist() for name, value in start.items()} for start in starts]
 
 
-def run_on(executor: Executor) -> Callable:
+def _on(executor):
     """Function like `run_calls` that runs `run_start` on an executor."""
     return functools.partial(run_calls, run_start, executor=executor, unit="start")
 
 
-def run_together(study: Study, devices: list[Device]) -> Callable:
-    """Function like `run_on` for searches in this process, evaluated by one program."""
+def _together(study, devices):
+    """Function like `_on` for searches in this process, evaluated by one program."""
 
     def run(calls, *, ended, write, quiet, **_):
         problem, results = study.problem, dict(ended)
@@ -134,10 +133,20 @@ def run_together(study: Study, devices: list[Device]) -> Callable:
 
 
 def best_of_starts(
-    study: Study, folder: File, run: Callable, *, resume: bool, quiet: bool
+    study: Study,
+    folder: File,
+    devices: list[Device],
+    executor: Executor,
+    *,
+    resume: bool,
+    quiet: bool,
 ) -> tuple[Study, Design]:
-    """The study of the best of several searches, which ``run`` runs, and its `Design`."""
-    starts = dict(enumerate(_begin(study, folder, resume), start=1))
+    """The study of the best of several searches, and its `Design`.
+
+    They run together on the ``devices``, or without these on the ``executor``.
+    """
+    run = _together(study, devices) if devices else _on(executor)
+    starts = dict(enumerate(_begin(study, folder, resume, bool(devices)), start=1))
     tables = {k: _from_start(study.table, start) for k, start in starts.items()}
     places = {k: folder / "starts" / f"{k:03d}" for k in starts}
     records = {k: read_record(place / START, FORMAT) or {} for k, place in places.items()}
@@ -169,10 +178,10 @@ def best_of_starts(
     return study_from_table(tables[best], study.name), Design(**found)
 
 
-def _begin(study, folder, resume):
+def _begin(study, folder, resume, together):
     """Start values of all searches, those of starts.json if it has them, otherwise drawn.
 
-    All are in starts.json then.
+    All are in starts.json then, and whether the searches share a cloud, as those ``together`` do.
     """
     file, starts = folder / STARTS, draw_starts(study)
     if file.exists():
@@ -189,8 +198,15 @@ def _begin(study, folder, resume):
                 f"out: {STARTS} in {str(folder)!r} is damaged or of another study; give another "
                 "folder"
             )
+        if known.get("together", False) != together:
+            raise ValueError(
+                f"out: the searches in {str(folder)!r} share "
+                + ("no cloud; resume them without" if together else "a cloud; resume them with")
+                + " --device"
+            )
         starts[: len(known["starts"])] = known["starts"][: len(starts)]
-    write_json(file, {"format": FORMAT, "name": study.name, "study": study.table, "starts": starts})
+    record = {"format": FORMAT, "name": study.name, "study": study.table, "starts": starts}
+    write_json(file, record | {"together": together})
     return starts
 
 

@@ -29,7 +29,7 @@ from ..io import (
     write_json,
 )
 from .as_made import SAMPLES, as_made
-from .starts import FORMAT, STARTS, best_of_starts, run_on, run_together
+from .starts import FORMAT, STARTS, best_of_starts
 from .study import Study, study_from_table
 from .toml import case_text, explicit
 
@@ -57,8 +57,14 @@ def run_study(
     """
     folder, devices = File(folder), devices_of(device)
     if study.starts > 1:
-        run = run_together(study, devices) if devices else run_on(executor or InThisProcess())
-        study, design = best_of_starts(study, open_folder(folder), run, resume=resume, quiet=quiet)
+        study, design = best_of_starts(
+            study,
+            open_folder(folder),
+            devices,
+            executor or InThisProcess(),
+            resume=resume,
+            quiet=quiet,
+        )
     elif device is not None:
         raise ValueError(
             f"device: {device!r} is for several searches at once; give search.starts, or leave "

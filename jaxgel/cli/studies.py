@@ -46,8 +46,7 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
     """Search, verify and report a study; the exit code."""
     say, resume = printer(args), resume or getattr(args, "resume", False)
     device = getattr(args, "device", None)
-    several = study.starts > 1 and device is None
-    workers = _workers(args, GRADIENT_THREADS) if several else contextlib.nullcontext()
+    workers = _workers(args, GRADIENT_THREADS) if study.starts > 1 else contextlib.nullcontext()
     try:
         with workers as executor:
             found, verified = run_study(

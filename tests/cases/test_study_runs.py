@@ -264,6 +264,22 @@ def test_interrupted_searches_go_on_to_the_same_numbers_and_are_not_repeated(
     assert len(calls) == 4 + 1 + 2
 
 
+def test_searches_that_share_a_cloud_are_not_resumed_on_clouds_of_their_own(tmp_path, refused):
+    for together in (True, False):
+        (tmp_path / str(together)).mkdir()
+        starts._begin(study(), tmp_path / str(together), False, together)
+    text = r"out: the searches in .* share {}; resume them {} --device"
+    refused(
+        lambda before, now: starts._begin(study(), tmp_path / str(before), True, now),
+        [
+            (True, False, text.format("a cloud", "with")),
+            (False, True, text.format("no cloud", "without")),
+        ],
+        whole=True,
+    )
+    assert starts._begin(study(), tmp_path / "True", True, True) == draw_starts(study())
+
+
 def test_where_all_starts_fail_the_study_does(tmp_path, monkeypatch):
     monkeypatch.setattr(
         search.Search,
