@@ -60,7 +60,8 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
     except KeyboardInterrupt:
         verified = None
     if verified is None:
-        print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
+        again = "resume" if device is None else "design --resume --device"
+        print(f"jaxgel: interrupted; jaxgel {again} goes on", file=sys.stderr)
         return INTERRUPTED
     if study.starts > 1:
         say(_optima(File(folder) / OPTIMA))

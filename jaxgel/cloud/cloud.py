@@ -7,6 +7,7 @@ thin-plate morph of the boundary's displacement. So positions are a pure functio
 parameters while all lists (neighbours, cells, edges) stay as they are.
 """
 
+import contextlib
 import dataclasses
 
 import jax
@@ -63,7 +64,10 @@ class Cloud:
     def positions(self, numbers: Int[np.ndarray, " p"]) -> Float[Array, "p 2"]:
         """Positions of the vertices with these ``numbers``, mm."""
         rows = taken(self.placed, numbers)
-        return rows if is_traced(rows) else jax.device_put(rows)
+        if is_traced(rows):
+            return rows
+        with outside_traces():
+            return jax.device_put(rows)
 
     @property
     def spacing(self) -> float:
@@ -85,7 +89,9 @@ class Cloud:
 
         Its holes correspond one to one.
         """
-        return Cloud(plate, _with_room(place(self.topology, plate)), self.topology)
+        # of a plate made of numbers it is numbers, also inside jit
+        with contextlib.nullcontext() if is_traced(plate) else outside_traces():
+            return Cloud(plate, _with_room(place(self.topology, plate)), self.topology)
 
 
 @old_arguments

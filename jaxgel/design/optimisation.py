@@ -102,7 +102,8 @@ def optimise(
     - `quiet`: whether to print no progress.
     - `member`: what a `Together` gives to each of several searches at once; none by default.
 
-    Returns the design; `outcome` says how the search ended, also if the user interrupted it.
+    Returns the design; `outcome` says how the search ended, also if the user interrupted it after
+    its first valid design.
 
     Raises `ValueError` for an unknown method or an unusable option, a start that is no valid
     design, and a log of another problem. Example: design/bistable.py; see docs/howto/design.md.
@@ -143,6 +144,8 @@ def optimise(
     except Stuck:
         outcome = Outcome.STUCK
     except KeyboardInterrupt:
+        if all(entry["invalid"] for entry in search.log):
+            raise  # before there is a design
         outcome = Outcome.INTERRUPTED
     finally:
         search.bar.close()

@@ -264,6 +264,13 @@ def test_interrupted_searches_go_on_to_the_same_numbers_and_are_not_repeated(
     assert len(calls) == 4 + 1 + 2
 
 
+def test_an_interruption_before_the_first_design_leaves_no_failed_start(tmp_path, monkeypatch):
+    interrupt(monkeypatch, 1)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study(), tmp_path)
+    assert table(tmp_path) == [] and not list(tmp_path.glob("starts/*/*"))
+
+
 def test_searches_that_share_a_cloud_are_not_resumed_on_clouds_of_their_own(tmp_path, refused):
     for together in (True, False):
         (tmp_path / str(together)).mkdir()

@@ -90,6 +90,21 @@ def test_placement_on_the_reference_is_the_identity(name, cloud_of):
     )
 
 
+def test_a_cloud_of_numbers_has_numbers_inside_a_program(cloud_of):
+    """Also if it is placed there: a search of gels makes its model in a program."""
+    cloud = cloud_of("sample-1")
+    found = []
+
+    @jax.jit
+    def scaled(factor):
+        found.append(np.asarray(cloud.at(cloud.plate).nodes))
+        return factor * found[0]
+
+    own = np.asarray(cloud.at(cloud.plate).nodes)
+    np.testing.assert_array_equal(scaled(2.0), 2.0 * own)
+    np.testing.assert_array_equal(found[0], own)
+
+
 def test_new_spacing_scales_the_nodes_on_holes_with_it(cloud_of):
     plate = sample("sample-1")
     assert [len(o.s) // OUTLINE_SEGMENTS for o in cloud_of("sample-1").topology.outlines] == [
