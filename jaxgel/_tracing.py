@@ -1,6 +1,8 @@
 """Arrays without numerical values while JAX traces: a test for them, and numbers beside them."""
 
+import contextlib
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 import jax
@@ -17,6 +19,11 @@ of their operations with constants by itself.
 def is_traced(*trees: object) -> bool:
     """Whether any leaf of the pytrees is a tracer of JAX."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def numbers_of(*trees: object) -> AbstractContextManager[None]:
+    """`outside_traces`, unless a leaf of the pytrees is traced."""
+    return contextlib.nullcontext() if is_traced(*trees) else outside_traces()
 
 
 def value_and_tangents(function: Callable[[Any], Any], at: Any, dots: Any) -> tuple[Any, Any]:

@@ -7,7 +7,6 @@ thin-plate morph of the boundary's displacement. So positions are a pure functio
 parameters while all lists (neighbours, cells, edges) stay as they are.
 """
 
-import contextlib
 import dataclasses
 
 import jax
@@ -16,7 +15,7 @@ import numpy as np
 from .._deprecated import old_arguments
 from .._programs import release_programs_if_crowded
 from .._sizes import NODES, joined, multiplied, padded, resized, room, taken
-from .._tracing import is_traced, outside_traces
+from .._tracing import is_traced, numbers_of, outside_traces
 from .._types import Array, Float, Int
 from .._validation import check_kind
 from ..geometry import Plate, arc_points, check_plate, reference_plate
@@ -90,7 +89,7 @@ class Cloud:
         Its holes correspond one to one.
         """
         # of a plate made of numbers it is numbers, also inside jit
-        with contextlib.nullcontext() if is_traced(plate) else outside_traces():
+        with numbers_of(plate):
             return Cloud(plate, _with_room(place(self.topology, plate)), self.topology)
 
 

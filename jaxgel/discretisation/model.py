@@ -8,7 +8,7 @@ import numpy as np
 
 from .._deprecated import old_arguments
 from .._memo import once_per_owner
-from .._tracing import is_traced
+from .._tracing import is_traced, numbers_of
 from .._types import Scalar
 from .._validation import Inadmissible, check_kind, one_of
 from ..cloud import Cloud, Topology, refuse_ligament
@@ -121,6 +121,11 @@ def discretise(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = N
         raise ValueError(
             f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)"
         )
+    with numbers_of(cloud.vertices):  # the model of a cloud of numbers is numbers, also inside jit
+        return _discretised(cloud, basis, dmax)
+
+
+def _discretised(cloud, basis, dmax):
     lists = make_connectivity(cloud.topology, basis, dmax)
     blocks = numbered(
         PatchBlock(

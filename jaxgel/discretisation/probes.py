@@ -1,6 +1,5 @@
 """Shape functions at probe points: material points, the midline and the core of the dry plate."""
 
-import contextlib
 import dataclasses
 
 import jax
@@ -8,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._tracing import is_traced, outside_traces
+from .._tracing import is_traced, numbers_of, outside_traces
 from .._types import Array, Float
 from ..cloud import Topology
 from ..geometry import Frame, inside_holes
@@ -162,8 +161,7 @@ def core_probe(model: Model) -> Interpolation:
 
 def _interpolated(model, points, neighbours):
     """``Interpolation`` on the model's cloud: numbers, also inside jit, unless the cloud moves."""
-    moves = is_traced(model.cloud.nodes)
-    with contextlib.nullcontext() if moves else outside_traces():
+    with numbers_of(model.cloud.nodes):
         return interpolate(model.cloud, points, neighbours, model.basis)
 
 
