@@ -119,7 +119,7 @@ class DesignProblem:
         values, found, first = self._lower + self._range * vector, {}, 0
         for name in sorted(self.start):
             last = first + self.start[name].size
-            found[name] = values[first:last].reshape(self.start[name].shape)
+            found[name] = jnp.asarray(values[first:last].reshape(self.start[name].shape))
             first = last
         return found
 

@@ -5,6 +5,7 @@ import functools
 import time
 import tomllib
 
+import jax
 import numpy as np
 import pytest
 from studies import STUDY, changed
@@ -55,6 +56,17 @@ def test_searches_wait_for_each_other_and_each_gets_its_own_answers(doubling):
     ended = list(made.run(searches))
     assert ended == [(1, 2.0), (2, 8.0), (3, 24.0)]
     assert batches[0] == {1: [1.0], 3: [3.0], 2: [2.0]} and batches[2:4] == [{3: [12.0]}, {}]
+
+
+def test_parameters_are_arrays_of_jax_in_the_shapes_of_the_start():
+    """A user's plate may set parts of them."""
+    start = {"b": np.array([[1.0, 2.0]]), "a": 3.0}
+    problem = dataclasses.replace(
+        study().problem, start=start, bounds={"a": (0.0, 4.0), "b": (0.0, 10.0)}
+    )
+    found = problem.parameters(problem.vector)
+    assert found["a"].shape == () and found["b"].at[0, 0].set(5.0).tolist() == [[5.0, 2.0]]
+    assert jax.tree.map(float, {"a": found["a"], "b": found["b"][0, 1]}) == {"a": 3.0, "b": 2.0}
 
 
 def test_an_error_of_one_search_ends_the_others(doubling):
