@@ -6,7 +6,9 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import custom_vmap
 
 outside_traces = jax.core.eval_context
 """Context or decorator in which numbers stay numbers, also inside traces.
@@ -24,6 +26,22 @@ def is_traced(*trees: object) -> bool:
 def numbers_of(*trees: object) -> AbstractContextManager[None]:
     """`outside_traces`, unless a leaf of the pytrees is traced."""
     return contextlib.nullcontext() if is_traced(*trees) else outside_traces()
+
+
+@custom_vmap
+def everywhere(holds: Any) -> Any:
+    """A condition () that chooses a branch of ``jax.lax.cond``; under ``jax.vmap``, for all at once.
+
+    Whether it holds for every member of the batch: one program then computes one of the branches,
+    where it would compute both for a condition of each member. So the branch for ``False`` must be
+    right for all.
+    """
+    return holds
+
+
+@everywhere.def_vmap
+def _(_size, _mapped, holds):
+    return everywhere(jnp.all(holds, axis=0)), False
 
 
 def value_and_tangents(function: Callable[[Any], Any], at: Any, dots: Any) -> tuple[Any, Any]:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compiled import compiled
+from .._tracing import everywhere
 from .._types import Array, Bool, Float, Int, Scalar
 from .composite import Filled, takes_solvent
 from .fields import elementwise
@@ -195,7 +196,7 @@ def branch_ends(
         ends = elementwise(lambda _, *of: 1 + jnp.exp(_branch_end(energy, of)), places, *of)
         return jnp.where(takes_solvent(gel), ends, bound)
 
-    return scanned() if rises is False else jax.lax.cond(rises, lambda: bound, scanned)
+    return scanned() if rises is False else jax.lax.cond(everywhere(rises), lambda: bound, scanned)
 
 
 def first_root(

@@ -15,6 +15,7 @@ import numpy as np
 from jax import lax
 
 from .._compiled import compiled
+from .._tracing import everywhere
 from .._types import Array, Chemical, Float, Scalar
 from ..discretisation import Body, PatchBlock
 from ..materials import LocalGel, VolumeLaw, gel_in_groups, rises_always, takes_solvent
@@ -223,15 +224,14 @@ def linearised_about(
     everywhere.
     """
     there = gel_in_groups(gel)
-    swells, rises = (
-        model.carries & (all_volumes(model) > 0) & takes_solvent(there),
-        rises_always(there),
-    )
+    swells = model.carries & (all_volumes(model) > 0) & takes_solvent(there)
+    rises = rises_always(there)
 
     def of_any():
-        end = volume_law(model, there, mu).stiff_until(SOFT * there.Nv)
+        end = volume_law(model, there, mu).stiff_until(least_stiffness(there))
         star = ratio_at(p, model, gel, mu, end)
-        soft = swells & ((end < J) | (end > 0) & ((1 + ROUNDED) * star >= end))
+        beyond = (end < J) | (end > 0) & ((1 + ROUNDED) * star >= end)
+        soft = swells & jnp.logical_not(rises) & beyond  # it may rise in this sheet of a batch
         about = jnp.where(soft, jnp.maximum(J, end), star)
         return about, jnp.where(soft, pressure_at(about, model, gel, mu) - p, 0.0)
 
@@ -239,7 +239,15 @@ def linearised_about(
         star = ratio_at(p, model, gel, mu)
         return star, jnp.zeros_like(star)
 
-    return of_any() if rises is False else lax.cond(rises, of_good, of_any)
+    return of_any() if rises is False else lax.cond(everywhere(rises), of_good, of_any)
+
+
+def least_stiffness(gel: Any) -> Float[Array, "..."]:
+    """Stiffness dp/dJ (...), kT/v, below which a gel is soft; 0 if no gel of the plate ever is.
+
+    See `linearised_about`.
+    """
+    return jnp.where(rises_always(gel), 0.0, SOFT * gel.Nv)
 
 
 def swelling_of(J: Float[Array, " g"], model: Body, gel: LocalGel) -> Float[Array, " g"]:
@@ -264,7 +272,6 @@ def ratios_that_carry(
     # before, not after: what has no derivative is not differentiated
     fixed = lax.stop_gradient((J, model, gel, mu))
     stiffness, there = stiffness_at(*fixed), gel_in_groups(fixed[2])
-    least = jnp.where(rises_always(there), 0.0, SOFT * there.Nv)
-    real = (all_volumes(fixed[1]) > 0) & (stiffness > least)
+    real = (all_volumes(fixed[1]) > 0) & (stiffness > least_stiffness(there))
     away = lax.stop_gradient(pressure) - pressure_at(*fixed)
     return J + jnp.where(real, away / jnp.where(real, stiffness, 1.0), 0.0)

@@ -121,7 +121,7 @@ def _extremum(start, sample, end, same, at, position, radius):
         """Point and derivative by s / radius, (2,) each, of the polynomial about ``s``."""
         t = (at - s) / radius
         weight = jnp.where(same, jnp.maximum(1 - t**2, 0.0), 0.0) ** 3
-        powers = t ** np.arange(DEGREE + 1)[:, None]
+        powers = jnp.stack([t**power for power in range(DEGREE + 1)])
         moments = (weight * powers) @ powers.T
         coefficients = jnp.linalg.solve(
             moments + SINGULAR * moments[0, 0] * jnp.eye(DEGREE + 1), (weight * powers) @ position

@@ -14,6 +14,7 @@ import numpy as np
 from .._compiled import compiled
 from .._memo import once_per_owner
 from .._sizes import padded, resized, rung
+from .._tracing import everywhere
 from .._types import Array, Float, Int, Scalar
 from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
@@ -30,7 +31,7 @@ from ..materials import (
     surface_volume_ratio,
     takes_solvent,
 )
-from ..mechanics import SOFT, Equations, Problem, volume_law
+from ..mechanics import Equations, Problem, least_stiffness, volume_law
 from .states import of_path, outlines_of, with_room
 
 VERTICES = 512  # to a multiple of which the places at which surface ratios are found are padded
@@ -221,13 +222,13 @@ def surface_swelling(
 
     def in_its_phase():
         J = law.volume_ratio(near)
-        soft = takes_solvent(gel) & (stiff_until(SOFT * gel.Nv, gel) <= J)
+        soft = takes_solvent(gel) & (stiff_until(least_stiffness(gel), gel) <= J)
         return jnp.where(
             soft, jax.lax.scan(newton, jnp.where(soft, J, 2.0), length=PHASE_ITERATIONS)[0], stiff
         )
 
     rises = rises_always(gel)
-    return in_its_phase() if rises is False else jax.lax.cond(rises, lambda: stiff, in_its_phase)
+    return in_its_phase() if rises is False else jax.lax.cond(everywhere(rises), lambda: stiff, in_its_phase)
 
 
 def normal_stretch(
