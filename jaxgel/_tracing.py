@@ -30,11 +30,10 @@ def numbers_of(*trees: object) -> AbstractContextManager[None]:
 
 @custom_vmap
 def everywhere(holds: Any) -> Any:
-    """A condition () that chooses a branch of ``jax.lax.cond``; under ``jax.vmap``, for all at once.
+    """A condition () for ``jax.lax.cond``; under ``jax.vmap`` whether all of the batch meet it.
 
-    Whether it holds for every member of the batch: one program then computes one of the branches,
-    where it would compute both for a condition of each member. So the branch for ``False`` must be
-    right for all.
+    One program then computes one of the branches, where it would compute both for a condition of
+    each member. The branch for False must be right for those that meet it, too.
     """
     return holds
 

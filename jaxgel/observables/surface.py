@@ -228,7 +228,9 @@ def surface_swelling(
         )
 
     rises = rises_always(gel)
-    return in_its_phase() if rises is False else jax.lax.cond(everywhere(rises), lambda: stiff, in_its_phase)
+    if rises is False:
+        return in_its_phase()
+    return jax.lax.cond(everywhere(rises), lambda: stiff, in_its_phase)
 
 
 def normal_stretch(

@@ -53,14 +53,18 @@ def check_batch(quantity, designs):
 
 @pytest.mark.slow
 def test_a_batch_of_gels_has_the_states_and_gradients_of_single_sweeps(model):
-    """Positions to 1e-9 mm, gradients by Nv, chi and the values of mu to 1e-8."""
+    """Positions to 1e-9 mm, gradients by Nv, chi and the values of mu to 1e-8.
+
+    The last gel is in a poor solvent, for which alone a phase is searched.
+    """
 
     def quantity(gel, values):
         return quantities(
             jaxgel.Problem(model, jaxgel.Gel(Nv=gel[0], chi=gel[1]), contact=False), values
         )
 
-    check_batch(quantity, DESIGN[2:] * RANDOM.uniform(0.9, 1.1, (2, 2)))
+    gels = DESIGN[2:] * RANDOM.uniform(0.9, 1.1, (2, 2))
+    check_batch(quantity, [*gels, [1e-3, 0.8]])
 
 
 @pytest.fixture(scope="module", params=["sample-1", "sample-4", "film"])

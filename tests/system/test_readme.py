@@ -21,19 +21,29 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
 
 
-def test_the_quick_start_runs_and_draws(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def quick_start(tmp_path, monkeypatch, capsys):
+    """Names that the README's first example defines and what it prints, in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    quick_start, design = blocks("python")
-    assert len([line for line in quick_start.splitlines() if line.strip()]) <= 10
+    example = blocks("python")[0]
+    assert len([line for line in example.splitlines() if line.strip()]) <= 10
     names = {}
-    exec(compile(quick_start, "README.md", "exec"), names)
+    exec(compile(example, "README.md", "exec"), names)
+    return names, capsys.readouterr().out
+
+
+def test_the_quick_start_runs_and_draws(quick_start, tmp_path):
     assert (tmp_path / "rotation.png").stat().st_size > 0
-    rotation, loss, unstable = map(float, capsys.readouterr().out.split())
+    rotation, loss, unstable = map(float, quick_start[1].split())
     assert rotation > 20 and 0.1 < loss < 0.3 and unstable == 0
 
-    exec(compile(design, "README.md", "exec"), names)
-    step = 0.01 * names["slope"]
-    assert names["rotation"](names["jnp"].array([5.0, 4.0]) + step) > names["angle"]
+
+@pytest.mark.slow
+def test_a_step_along_the_slope_of_the_second_example_turns_the_core_farther(quick_start):
+    names, _ = quick_start
+    exec(compile(blocks("python")[1], "README.md", "exec"), names)
+    turned = names["rotation"](names["jnp"].array([5.0, 4.0]) + 0.01 * names["slope"])
+    assert turned > names["angle"]
 
 
 def test_the_case_file_is_a_case(tmp_path):
