@@ -7,8 +7,8 @@ from .._sizes import step
 from .._types import Float, Int
 from ..cloud import Topology
 
-# room for nodes of other patches and of points: 26 to 32, 39 to 46, 48 to 55, 62 to 69
-NEIGHBOURS = (20, 32, 46, 56, 70, 84, 112, 144)
+# room for nodes of other patches and of points: 26 to 34, 39 to 46, 48 to 55, 62 to 69
+NEIGHBOURS = (20, 34, 46, 56, 70, 84, 112, 144)
 # of a support: a node that is so near its end has weight 0 to round-off, and would be listed for
 # one mirror image only
 AT_THE_END = 1e-9
