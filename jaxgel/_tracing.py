@@ -1,4 +1,4 @@
-"""Arrays without numerical values while JAX traces: a test for them, and numbers beside them."""
+"""While JAX traces: a test for arrays without values, numbers beside them, and conditions."""
 
 import contextlib
 from collections.abc import Callable

@@ -1,11 +1,14 @@
 """Compiled functions under JAX's transformations: derivatives as programs of their own."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxgel._compiled import compiled
+from jaxgel._tracing import everywhere
 
 X, Y = jnp.array([0.3, 0.5, 0.7]), jnp.array([1.0, 2.0, 3.0])
 
@@ -82,3 +85,26 @@ def test_a_number_of_python_and_one_of_an_array_take_one_program():
     for factor in (2.0, np.float64(3.0)):
         product(X, factor=factor)
     assert names.count("jit(product)") == 2  # one by place, one by name
+
+
+@pytest.mark.parametrize("batches", [1, 2])
+def test_a_condition_of_all_members_chooses_one_branch_for_a_batch(batches):
+    """Also of batches of batches, and of their derivatives; one of its own computes both."""
+
+    def slope(condition, x):
+        return jax.grad(lambda x: jax.lax.cond(condition(x < 2), jnp.sin, jnp.cos, x))(x)
+
+    def of_batch(condition):
+        mapped = functools.partial(slope, condition)
+        for _ in range(batches):
+            mapped = jax.vmap(mapped)
+        return mapped
+
+    few, all_three = (numbers.reshape((1,) * (batches - 1) + (-1,)) for numbers in (X, Y))
+    np.testing.assert_array_equal(of_batch(everywhere)(few), jnp.cos(few))
+    np.testing.assert_array_equal(of_batch(everywhere)(all_three), -jnp.sin(all_three))
+    both = [
+        "select_n" in str(jax.make_jaxpr(of_batch(condition))(few))
+        for condition in (everywhere, lambda holds: holds)
+    ]
+    assert both == [False, True]

@@ -298,7 +298,7 @@ class March:
             tau,
             Bath(*(np.asarray(values[s]) for values in stages.bath)),
         )[-1]
-        # one after the other: heaps grow by 20 MB a stage if programs allocate while NumPy does
+        # one after the other: heaps grow with every stage if programs allocate while NumPy does
         change = FlowChange.of(transport, tau, *jax.block_until_ready((now, rates)))
         return Tangent(factorised(transport, acting, now, x, p, change), change)
 

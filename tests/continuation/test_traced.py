@@ -59,9 +59,9 @@ def test_a_batch_of_gels_has_the_states_and_gradients_of_single_sweeps(model):
     """
 
     def quantity(gel, values):
-        return quantities(
-            jaxgel.Problem(model, jaxgel.Gel(Nv=gel[0], chi=gel[1]), contact=False), values
-        )
+        problem = jaxgel.Problem(model, jaxgel.Gel(Nv=gel[0], chi=gel[1]), contact=False)
+        number, path = quantities(problem, values)
+        return number + jaxgel.observables.surface_ratio(path)[-1], path
 
     gels = DESIGN[2:] * RANDOM.uniform(0.9, 1.1, (2, 2))
     check_batch(quantity, [*gels, [1e-3, 0.8]])
