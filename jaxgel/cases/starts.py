@@ -81,22 +81,27 @@ def run_start(text: str, folder: str, member: Any = None) -> dict[str, Any]:
     return result
 
 
-def draw_starts(study: Study) -> list[dict[str, Any]]:
+def draw_starts(study: Study, *, quiet: bool = True) -> list[dict[str, Any]]:
     """Start values (name -> number or list) of every search of a study, its own first.
 
-    ValueError if too few are valid plates.
+    With a progress bar unless ``quiet``. ValueError if too few are valid plates.
     """
     problem, starts, reason = study.problem, [study.problem.start], ""
     tried = DRAWS * (study.starts - 1)
-    for point in sobol(len(problem.vector), tried, study.seed) if tried else ():
-        if len(starts) == study.starts:
-            break
-        parameters = problem.parameters(point)
-        try:
-            problem.check_dry(parameters)
-            starts.append(parameters)
-        except Inadmissible as invalid:
-            reason = one_line(invalid)
+    points = sobol(len(problem.vector), tried, study.seed) if tried else ()
+    with tqdm(
+        total=study.starts, initial=1, desc="valid starts", disable=quiet or None, leave=False
+    ) as bar:
+        for point in points:
+            if len(starts) == study.starts:
+                break
+            parameters = problem.parameters(point)
+            try:
+                problem.check_dry(parameters)
+                starts.append(parameters)
+                bar.update()
+            except Inadmissible as invalid:
+                reason = one_line(invalid)
     if len(starts) < study.starts:
         raise ValueError(
             f"search.starts: {study.starts} is too many, only {len(starts) - 1} of {tried} draws "
@@ -146,7 +151,7 @@ def best_of_starts(
     They run together on the ``devices``, or without these on the ``executor``.
     """
     run = _together(study, devices) if devices else _on(executor)
-    starts = dict(enumerate(_begin(study, folder, resume, bool(devices)), start=1))
+    starts = dict(enumerate(_begin(study, folder, resume, bool(devices), quiet), start=1))
     tables = {k: _from_start(study.table, start) for k, start in starts.items()}
     places = {k: folder / "starts" / f"{k:03d}" for k in starts}
     records = {k: read_record(place / START, FORMAT) or {} for k, place in places.items()}
@@ -178,12 +183,12 @@ def best_of_starts(
     return study_from_table(tables[best], study.name), Design(**found)
 
 
-def _begin(study, folder, resume, together):
+def _begin(study, folder, resume, together, quiet=True):
     """Start values of all searches, those of starts.json if it has them, otherwise drawn.
 
     All are in starts.json then, and whether the searches share a cloud, as those ``together`` do.
     """
-    file, starts = folder / STARTS, draw_starts(study)
+    file, starts = folder / STARTS, []
     if file.exists():
         if not resume:
             raise ValueError(
@@ -204,7 +209,9 @@ def _begin(study, folder, resume, together):
                 + ("no cloud; resume them without" if together else "a cloud; resume them with")
                 + " --device"
             )
-        starts[: len(known["starts"])] = known["starts"][: len(starts)]
+        starts = known["starts"][: study.starts]
+    if len(starts) < study.starts:
+        starts += draw_starts(study, quiet=quiet)[len(starts) :]
     record = {"format": FORMAT, "name": study.name, "study": study.table, "starts": starts}
     write_json(file, record | {"together": together})
     return starts

@@ -11,6 +11,7 @@ import numpy as np
 from jax import lax
 
 from .._compiled import compiled
+from .._primitives import differentiated_value
 from .._sizes import joined, padded, resized, rung, step, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int, Num
@@ -124,9 +125,11 @@ def evaluate_groups(
     """`evaluate_points` for whole groups of points and `widened` lists.
 
     The first ``count`` are asked for. Groups without one of these hold the values of another group;
-    in a trace, whose programs must not depend on ``count``, their own.
+    in a trace, whose programs must not depend on ``count``, their own. In another program all
+    points are one group, and their functions are compiled once.
     """
-    own = owner.reshape(-1, GROUP)
+    in_program = is_traced(jax.tree.map(differentiated_value, (nodes, points)))
+    own = owner.reshape(-1, len(owner) if in_program else GROUP)
     used = own if is_traced(nodes, points) else own[: -(-count // GROUP)]
     groups = [
         _evaluated(
