@@ -24,7 +24,7 @@ from jaxgel.observables import CURVES, QUANTITIES
 DESIGN = Path(__file__).parents[2] / "design"
 NAMES = (
     "rotation", "valve", "closing", "linear", "identification", "cushion", "printed", "relief",
-    "timing", "channel", "order",
+    "timing", "channel", "order", "basins",
 )  # fmt: skip
 
 
