@@ -126,22 +126,6 @@ def test_the_uptake_converges_with_the_spacing(name):
     assert errors[1][3:].max() < min(errors[0][3:].max(), 2e-3)
 
 
-@pytest.mark.slow
-def test_a_hole_whose_outline_cuts_the_cells_takes_up_what_a_half_space_does():
-    hole = jaxgel.Ellipse((0.1, -0.05), (1.25, 1.0), 0.3)
-    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4.0, 4.0, [hole], spacing=0.4)))
-    gel, start, end, shares = FILMS["from the dry state"]
-    times = np.array([1e-5, 1e-4, 4e-4, 1e-3, 4e-3])
-    path = jaxgel.swell(jaxgel.Problem(model, gel, contact=False), end, times, start=start)
-    # of the film, whose stretch goes from 1.00257 to 1.21203
-    law = shares[0] * (1.21203 - 1.00257) * np.sqrt(times / TIMES[0])
-    angles = np.linspace(0.0, 2 * np.pi, 2001)
-    outline = np.stack([1.25 * np.cos(angles), np.sin(angles)], axis=1)
-    length = np.linalg.norm(np.diff(outline, axis=0), axis=1).sum()
-    over = np.asarray(jaxgel.uptake(path))[1:] / (law * length)
-    assert (over[2:] > 0.93).all() and (over[2:] < 1.02).all()
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "axial", [pytest.param(None, marks=pytest.mark.slow), AXIAL["axial_stretch"]]
