@@ -19,14 +19,11 @@ After mu of a bath has changed it has changed in a layer below the surface that 
 cells, and a gradient between the surface and the first group is too small. So a group at the
 distance d from wetted sides of length l takes up
 
-    l dJ D_m / d (c - 1),   c = sqrt(1 + X) + X^2 / (1 + X^2) / pi,   X = d^2 / (pi D_m t),
+    l dJ D_m / d (c - 1),   c = sqrt(1 + d^2 / (pi D_m t)),
 
-or with a linear pressure c = (1 + X^2)^(1/4), besides: what a half-space takes up at the time t
-after the change, see ``materials.layer_uptake``, over what goes through a layer of that thickness.
-It falls as 1 / t at least, and the finer the cells the sooner. The last term of the first c makes
-up for the mean of a cell, from which dJ is counted: it has risen by the share 1 / (pi sqrt(X)) with
-what has entered. A group of a cell that is cut may lie next to the surface, while mu falls off over
-all of its volume; d is at least that of a whole cell with the same volume along the sides.
+or with a linear pressure c = (1 + (d^2 / (pi D_m t))^2)^(1/4), besides: what a half-space takes up
+at the time t after the change, see ``materials.layer_uptake``, over what goes through a layer of
+that thickness. It falls as 1 / t at least, and the finer the cells the sooner.
 
 What such a layer brings to one side of a patch with a linear pressure would dry its other side, if
 it worked on the linear part of J as it does later, and below J = 1 nothing is a state. So after mu
@@ -52,7 +49,6 @@ from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, lay
 from .patchwise import over_patches
 from .solvent import MOMENTS, Solvent
 from .volumes import (
-    all_volumes,
     axial_stretch,
     bare,
     by_block,
@@ -65,9 +61,6 @@ from .volumes import (
 POINTS = 4  # of an integral over mu
 # of half the side of a patch: a layer that leaves half of the flow to the linear part of J
 THIN = 0.1
-# distance from the surface over the thickness of a whole cell, of its middle, and of the nearer
-# groups of a linear patch of the half of it that they stand for
-MIDDLE, NEAR = 0.5, 1 - 1 / np.sqrt(3)
 
 
 class Bath(NamedTuple):
@@ -277,13 +270,10 @@ def layer_flow(
     change, D_m = elementwise(
         uptake, jnp.where(real, mu, -1.0), bath_mu, along, local, signature="()->(k)"
     ).T
-    length = jnp.where(real, wet.length, 1.0)
-    thickness = in_wet_groups(all_volumes(model), solvent, 1.0) / length
-    depth = jnp.maximum(wet.depth, thickness * jnp.where(wet.linear, NEAR, MIDDLE))
-    X = (depth * bath.rate[wet.group_parts]) ** 2 / (jnp.pi * D_m)
-    of_cell = _over(1 + X) + X**2 / (1 + X**2) / jnp.pi
-    excess = jnp.where(wet.linear, _over(jnp.sqrt(1 + X**2)), of_cell)
-    return jnp.where(real, length * change * D_m / depth * excess, 0.0)
+    depth = jnp.where(real, wet.depth, 1.0)
+    square = (depth * bath.rate[wet.group_parts]) ** 2 / (jnp.pi * D_m)
+    excess = jnp.where(wet.linear, _over(jnp.sqrt(1 + square**2)), _over(1 + square))
+    return jnp.where(real, wet.length * change * D_m / depth * excess, 0.0)
 
 
 def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[Array, " g"]:
