@@ -30,6 +30,19 @@ def of_patches(cloud, axes):
     return jaxgel.discretise(cloud.at(cloud.plate.at([{"semi_axes": axes}])))
 
 
+@pytest.mark.thorough
+def test_a_program_holds_the_shape_functions_once_for_all_points():
+    """Inside the patches and on their contours; XLA compiles a function at every call of it."""
+    cloud = jaxgel.make_cloud(plate((2.0, 1.6)))
+    assert jaxgel.discretise(cloud).n_points > 1024
+
+    def gradients(axes):
+        return [block.dphi for block in of_patches(cloud, axes).blocks]
+
+    text = jax.jit(gradients).lower(jnp.array([2.0, 1.6])).as_text()
+    assert text.count("call @_evaluated") == 2
+
+
 @pytest.mark.parametrize("steps", [1, 2, 4])
 def test_sizes_of_the_ladder_hold_a_number_and_are_few(steps):
     numbers = np.arange(1, 5000)
