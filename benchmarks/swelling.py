@@ -85,7 +85,7 @@ START, BATH, HALF_SPACES = -4.9678, -0.9678, 0.08513
 class WithoutLayers(jaxgel.Bath):
     """A bath whose changes are so old that no layer is thinner than a cell."""
 
-    def inverse_root_age(self, t, start, *, rising=False):  # noqa: ARG002
+    def inverse_root_age(self, t, start, *, rising=False, share=1.0):  # noqa: ARG002
         return 0.0
 
 

@@ -23,7 +23,9 @@ distance d from wetted sides of length l takes up
 
 or with a linear pressure c = (1 + (d^2 / (pi D_m t))^2)^(1/4), besides: what a half-space takes up
 at the time t after the change, see ``materials.layer_uptake``, over what goes through a layer of
-that thickness. It falls as 1 / t at least, and the finer the cells the sooner.
+that thickness. It falls as 1 / t at least, and the finer the cells the sooner. A group of a cell
+that is cut may lie next to the surface, while mu falls off over all of its volume: d is at least
+that of a whole cell with the same volume along the sides.
 
 What such a layer brings to one side of a patch with a linear pressure would dry its other side, if
 it worked on the linear part of J as it does later, and below J = 1 nothing is a state. So after mu
@@ -49,6 +51,7 @@ from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, lay
 from .patchwise import over_patches
 from .solvent import MOMENTS, Solvent
 from .volumes import (
+    all_volumes,
     axial_stretch,
     bare,
     by_block,
@@ -61,6 +64,10 @@ from .volumes import (
 POINTS = 4  # of an integral over mu
 # of half the side of a patch: a layer that leaves half of the flow to the linear part of J
 THIN = 0.1
+# distance from the surface over the thickness of a whole cell, of its middle, and of the nearer
+# groups of a linear patch of the half of it that they stand for
+MIDDLE, NEAR = 0.5, 1 - 1 / np.sqrt(3)
+SMOOTH = 0.1  # difference of two distances, over one of them, below which the larger is smooth
 
 
 class Bath(NamedTuple):
@@ -270,10 +277,12 @@ def layer_flow(
     change, D_m = elementwise(
         uptake, jnp.where(real, mu, -1.0), bath_mu, along, local, signature="()->(k)"
     ).T
-    depth = jnp.where(real, wet.depth, 1.0)
+    length = jnp.where(real, wet.length, 1.0)
+    thickness = in_wet_groups(all_volumes(model), solvent, 1.0) / length
+    depth = _larger(thickness * jnp.where(wet.linear, NEAR, MIDDLE), wet.depth)
     square = (depth * bath.rate[wet.group_parts]) ** 2 / (jnp.pi * D_m)
     excess = jnp.where(wet.linear, _over(jnp.sqrt(1 + square**2)), _over(1 + square))
-    return jnp.where(real, wet.length * change * D_m / depth * excess, 0.0)
+    return jnp.where(real, length * change * D_m / depth * excess, 0.0)
 
 
 def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[Array, " g"]:
@@ -287,6 +296,13 @@ def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[
         linear = jnp.broadcast_to(1 / (1 + side[:, None] ** 2), (len(side), block.n_groups - 1))
         parts.append(jnp.concatenate([jnp.ones((len(side), 1)), linear], axis=1))
     return of_groups(parts, model)
+
+
+def _larger(first, second):
+    """The larger of two distances; smooth, since both are the same in a whole cell."""
+    above, width = second - first, SMOOTH * first
+    between = (above + width) ** 2 / (4 * width)
+    return first + jnp.where(jnp.abs(above) < width, between, jnp.maximum(above, 0.0))
 
 
 def _over(square):

@@ -30,7 +30,7 @@ from ..equilibrium import Newton, Observer, first_order_only, no_tangents
 from ..mechanics import Bath as Instant
 from .bath import Bath, Time, moved_times, values_of
 from .derivatives import March, stage_tangents, stages_of
-from .march import GAMMA
+from .march import GAMMA, jump_share
 from .problem import Transport
 from .run import Start, check_numbers, check_swelling, run
 
@@ -122,7 +122,8 @@ def _scheduled(before, after, numbers, tables, at_start):
     before, after = (moved_times(t, baths, numbers) for t in (before, after))
     dt = after - before
     t = jnp.stack([before + GAMMA * dt, after], axis=1).ravel()
-    return jnp.repeat(GAMMA * dt, 2), Instant(*values_of(baths, [at_start] * len(baths), t))
+    share = jnp.repeat(jump_share(before, after), 2)
+    return jnp.repeat(GAMMA * dt, 2), Instant(*values_of(baths, [at_start] * len(baths), t, share))
 
 
 @functools.partial(_states.defjvp, symbolic_zeros=True)

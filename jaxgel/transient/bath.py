@@ -72,11 +72,17 @@ class Bath:
         return _xp(t, self.times, self.mu).interp(t, self.times, self.mu)
 
     def inverse_root_age(
-        self, t: Float[Array, "..."] | Scalar, start: Scalar, *, rising: bool = False
+        self,
+        t: Float[Array, "..."] | Scalar,
+        start: Scalar,
+        *,
+        rising: bool = False,
+        share: Float[Array, "..."] | Scalar = 1.0,
     ) -> Float[Array, "..."]:
         """Means (...) of 1 / sqrt(t - s) over the changes at s < ``t``, from ``start``, kT.
 
-        The mean with ``rising`` is over changes that raise mu; 0 without changes.
+        The mean with ``rising`` is over changes that raise mu; 0 without changes. That of the jump
+        at time 0 counts ``share`` times, see `march.jump_share`.
         """
         xp = _xp(t, self.times, self.mu, start)
 
@@ -84,7 +90,7 @@ class Bath:
             return xp.where(change > 0, change, 0.0) if rising else abs(change)
 
         jump = size(self.mu[0] - start)
-        rates, total = jump / xp.sqrt(t), jump
+        rates, total = jump * share / xp.sqrt(t), jump
         for k in range(len(self.mu) - 1):
             first, last, change = (
                 self.times[k],
@@ -92,14 +98,13 @@ class Bath:
                 size(self.mu[k + 1] - self.mu[k]),
             )
             total = total + change * xp.clip((t - first) / (last - first), 0.0, 1.0)
-            rates = rates + 2 * change / (last - first) * (
-                _root(t - first, xp) - _root(t - last, xp)
-            )
+            rates = rates + 2 * change / (last - first) * (root(t - first) - root(t - last))
         return xp.where(total > 0, rates / xp.where(total > 0, total, 1.0), 0.0)
 
 
-def _root(values, xp):
-    """Square roots; 0 with derivatives 0 for what is not positive."""
+def root(values: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
+    """Square roots (...); 0 with derivatives 0 for what is not positive."""
+    xp = _xp(values)
     return xp.where(values > 0, xp.sqrt(xp.where(values > 0, values, 1.0)), 0.0)
 
 
@@ -108,15 +113,18 @@ def _xp(*values):
 
 
 def values_of(
-    baths: Sequence[Bath], start: Sequence[Scalar], t: Float[Array, "..."] | Scalar
+    baths: Sequence[Bath],
+    start: Sequence[Scalar],
+    t: Float[Array, "..."] | Scalar,
+    share: Float[Array, "..."] | Scalar = 1.0,
 ) -> tuple[Float[Array, "... b"], Float[Array, "... b"], Float[Array, "... b"]]:
     """Potentials (..., b), kT, of baths at ``t``, `inverse_root_age`, and that of rises.
 
-    The times are t; rises are changes that raise mu.
+    The times are t, with the ``share`` of jumps; rises are changes that raise mu.
     """
     own = list(zip(baths, start, strict=True))
     rates, rising = (
-        [bath.inverse_root_age(t, first, rising=only) for bath, first in own]
+        [bath.inverse_root_age(t, first, rising=only, share=share) for bath, first in own]
         for only in (False, True)
     )
     columns = [bath.at(t) for bath in baths], rates, rising

@@ -119,8 +119,8 @@ def _march(transport, baths, states, steps, times, branch, newton, observer):
     """
     at_start, kinks = [states[0].mu] * len(baths), kinks_of(baths)
 
-    def instant(t):
-        return Instant(*values_of(baths, at_start, t))
+    def instant(t, share):
+        return Instant(*values_of(baths, at_start, t, share))
 
     for t in times:
         before, now = ([None, *states])[-2:]
@@ -139,7 +139,7 @@ def _march(transport, baths, states, steps, times, branch, newton, observer):
         state = _state(
             transport,
             dataclasses.replace(following, iterations=spent),
-            float(np.mean(instant(t).mu)),
+            float(np.mean(instant(t, 1.0).mu)),
         )
         if not state.status.ok:
             if following.stage.status.ok:  # otherwise `advance` has reported it

@@ -109,10 +109,9 @@ def swell(
     Returns the path, with the times `t`, `potential` and `supplied`; see `Path`. If Newton's method
     fails a step is halved, up to 14 times; if that does not help, or if an outline meets itself,
     the path ends early, with the reason in `path.stop` and `path.stop_text`. Until the layer below
-    a surface is as thick as its cells the uptake is that of a half-space, good to about 10 % in
-    films and 20 % along holes, see docs/theory.md. JAX differentiates the path, once, by the
-    problem, `D`, the `start`, and the values and times of the bath. Times of steps are constant,
-    but for kinks of the bath.
+    a surface is as thick as its cells the uptake is that of a half-space, good to about 10 %, see
+    docs/theory.md. JAX differentiates the path, once, by the problem, `D`, the `start`, and the
+    values and times of the bath. Times of steps are constant, but for kinks of the bath.
 
     Raises `ValueError`, one line, for an unusable bath, times or problem (films, periodic edges,
     contact, gels with phases, elastomers, other controls), and inside `jax.jit` and `jax.vmap`.

@@ -13,6 +13,7 @@ from jaxgel.materials import layer_diffusivity, layer_stretch
 from jaxgel.mechanics import all_volumes, carried, solvent_of, volume_ratios
 from jaxgel.observables import events, solvent_flux
 from jaxgel.transient import run as transient_run
+from jaxgel.transient.march import GAMMA, jump_share
 
 GOOD = jaxgel.Gel(1e-3, 0.1)
 TIMES = [1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0]
@@ -124,6 +125,22 @@ def test_the_uptake_converges_with_the_spacing(name):
         errors.append(np.abs(np.interp(TIMES, path.t, share) / expected - 1))
     assert errors[1][2:].max() < 0.005 and errors[1][0] < 0.1
     assert errors[1][3:].max() < min(errors[0][3:].max(), 2e-3)
+
+
+@pytest.mark.slow
+def test_a_hole_whose_outline_cuts_the_cells_takes_up_what_a_half_space_does():
+    hole = jaxgel.Ellipse((0.1, -0.05), (1.25, 1.0), 0.3)
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4.0, 4.0, [hole], spacing=0.4)))
+    gel, start, end, shares = FILMS["from the dry state"]
+    times = np.array([1e-5, 1e-4, 4e-4, 1e-3, 4e-3])
+    path = jaxgel.swell(jaxgel.Problem(model, gel, contact=False), end, times, start=start)
+    # of the film, whose stretch goes from 1.00257 to 1.21203
+    law = shares[0] * (1.21203 - 1.00257) * np.sqrt(times / TIMES[0])
+    angles = np.linspace(0.0, 2 * np.pi, 2001)
+    outline = np.stack([1.25 * np.cos(angles), np.sin(angles)], axis=1)
+    length = np.linalg.norm(np.diff(outline, axis=0), axis=1).sum()
+    over = np.asarray(jaxgel.uptake(path))[1:] / (law * length)
+    assert (over[2:] > 0.93).all() and (over[2:] < 1.02).all()
 
 
 @pytest.mark.thorough
@@ -445,6 +462,17 @@ def test_a_bath_is_linear_between_its_times_and_ages():
     )
 
 
+def test_stages_sum_up_what_enters_after_a_jump():
+    """The integral of 1 / sqrt(t), from time 0 and later."""
+    begin, end = np.array([0.0, 0.1, 3.0]), np.array([0.1, 0.4, 3.001])
+    stages = np.stack([begin + GAMMA * (end - begin), end])
+    rates = jaxgel.Bath(-0.1).inverse_root_age(stages, -1.0, share=jump_share(begin, end))
+    total = (end - begin) * ([1 - GAMMA, GAMMA] @ rates)
+    assert total == pytest.approx(2 * (np.sqrt(end) - np.sqrt(begin)), rel=1e-14)
+    assert jump_share(0.0, 2.0) == pytest.approx(1.2504, abs=1e-4)
+    assert np.isfinite(jax.grad(lambda end: jump_share(0.0, end))(2.0))
+
+
 def test_what_time_does_not_cover_is_refused_in_one_line(coarse):
     """Each message names the field."""
     problem, sealed = (
@@ -545,25 +573,25 @@ def test_a_step_ends_at_its_time_whatever_round_off_says(coarse):
 
 
 def test_a_step_at_which_newton_fails_is_cut(coarse):
-    """With six corrections at most the step to 0.1 fails.
+    """With six corrections at most the step to 0.1 fails, and so does its half.
 
-    Its halves succeed, and the state is that of a run with both as times.
+    Quarters succeed, then a step of a half, and the state is that of a run with these times.
     """
     problem = jaxgel.Problem(coarse, GOOD, contact=False)
     start = jaxgel.sweep(problem, [-1.0])[0]
     few = jaxgel.swell(
         problem, -0.1, [0.1], start=start, newton=jaxgel.equilibrium.Newton(max_iterations=6)
     )
-    whole, halves = (
-        jaxgel.swell(problem, -0.1, times, start=start) for times in ([0.1], [0.05, 0.1])
+    whole, parts = (
+        jaxgel.swell(problem, -0.1, times, start=start) for times in ([0.1], [0.025, 0.075, 0.1])
     )
     assert (
         few.stop.ok
         and few.t.tolist() == [0.0, 0.1]
-        and few.newton_iterations[1] > halves.newton_iterations.sum()
+        and few.newton_iterations[1] > parts.newton_iterations.sum()
     )
-    # Newton's tolerance; one step for two
-    assert np.abs(few.x[1] - halves.x[2]).max() < 1e-9 < 1e-5 < np.abs(few.x[1] - whole.x[1]).max()
+    # Newton's tolerance; one step for three
+    assert np.abs(few.x[1] - parts.x[3]).max() < 1e-9 < 1e-5 < np.abs(few.x[1] - whole.x[1]).max()
 
 
 @pytest.mark.parametrize(
