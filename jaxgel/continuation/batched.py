@@ -15,6 +15,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
 from .._sizes import padded
+from .._threads import few_threads
 from ..mechanics import Problem
 from ..symmetry import NAMES
 from .options import SweepOptions
@@ -73,7 +74,7 @@ class Batched:
     """
 
     def __init__(self, sheet: Callable, problem: Problem, devices: list[Device]) -> None:
-        self.sheet, self.devices = sheet, devices
+        self.sheet, self.devices, self._unknowns = sheet, devices, 2 * problem.model.n_nodes
         self.size = _room(problem, devices[0]) * len(devices)
         self._programs: dict[tuple[str, ...], Callable] = {}
 
@@ -84,17 +85,14 @@ class Batched:
         at a time from where memory is exhausted on.
         """
         count, size, program = len(jax.tree.leaves(given)[0]), self.size, self._program(group)
+
+        def part(k):
+            rows = jax.tree.map(lambda array: padded(np.asarray(array)[k : k + size], size), given)
+            return jax.device_get(program(*rows))
+
         try:
-            parts = [
-                jax.device_get(
-                    program(
-                        *jax.tree.map(
-                            lambda array, k=k: padded(np.asarray(array)[k : k + size], size), given
-                        )
-                    )
-                )
-                for k in range(0, count, size)
-            ]
+            with few_threads(self._unknowns):
+                parts = [part(k) for k in range(0, count, size)]
         except jax.errors.JaxRuntimeError as problem:
             if "RESOURCE_EXHAUSTED" not in str(problem) or size // 2 < len(self.devices):
                 raise
