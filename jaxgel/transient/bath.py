@@ -102,7 +102,7 @@ class Bath:
         return xp.where(total > 0, rates / xp.where(total > 0, total, 1.0), 0.0)
 
 
-def root(values: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
+def root(values: Float[Array, "..."] | Scalar) -> Float[Array, "..."] | Scalar:
     """Square roots (...); 0 with derivatives 0 for what is not positive."""
     xp = _xp(values)
     return xp.where(values > 0, xp.sqrt(xp.where(values > 0, values, 1.0)), 0.0)

@@ -90,7 +90,7 @@ class Moment:
 
 def jump_share(
     begin: Float[Array, "..."] | Scalar, end: Float[Array, "..."] | Scalar
-) -> Float[Array, "..."]:
+) -> Float[Array, "..."] | Scalar:
     """Integral (...) of 1 / sqrt(t) over steps between two times, over what its stages sum up to.
 
     1.25 in a step from time 0, and 1 in one that is short beside its time.
