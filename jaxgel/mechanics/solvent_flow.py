@@ -299,7 +299,10 @@ def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[
 
 
 def _larger(first, second):
-    """The larger of two distances; smooth, since both are the same in a whole cell."""
+    """The larger of two distances; smooth where both are the same, and there 2.5 % more.
+
+    They are the same in a whole cell.
+    """
     above, width = second - first, SMOOTH * first
     between = (above + width) ** 2 / (4 * width)
     return first + jnp.where(jnp.abs(above) < width, between, jnp.maximum(above, 0.0))

@@ -140,7 +140,9 @@ def test_a_hole_whose_outline_cuts_the_cells_takes_up_what_a_half_space_does():
     outline = np.stack([1.25 * np.cos(angles), np.sin(angles)], axis=1)
     length = np.linalg.norm(np.diff(outline, axis=0), axis=1).sum()
     over = np.asarray(jaxgel.uptake(path))[1:] / (law * length)
-    assert (over[2:] > 0.93).all() and (over[2:] < 1.02).all()
+    # 0.998, 0.986, 0.971, 0.957, 0.940; by the distances of cut cells alone 0.87 at the end, and
+    # 0.8 at the beginning by a first step that leaves a fifth out
+    assert (over > 0.93).all() and (over < 1).all()
 
 
 @pytest.mark.thorough
