@@ -14,6 +14,7 @@ from scipy.sparse.linalg import splu
 
 GAMMA = 1 - 1 / np.sqrt(2)
 STEPS = 8  # of Newton's method for the volume ratio
+HIGHEST = -0.002  # of mu + p in iterates, kT
 TOLERANCE = 1e-9  # of a correction, mm and kT
 
 
@@ -37,7 +38,9 @@ class Swelling:
         self.share = ng.Parameter(0.0)
         (u, p, mu), (v, q, w) = space.TnT()
         F = ng.Id(2) + ng.Grad(u)
-        J, C = volume_ratio(p, mu, gel, STEPS), cofactor(F)
+        # iterates of a step over a jump of mu leave the range in which a volume ratio exists
+        inside = ng.IfPos(p + mu - HIGHEST, HIGHEST, p + mu)
+        J, C = volume_ratio(inside, 0.0, gel, STEPS), cofactor(F)
         before, middle = (
             ng.Det(ng.Id(2) + ng.Grad(one.components[0])) for one in (self.old, self.first)
         )
@@ -92,3 +95,8 @@ class Swelling:
     def position(self, X):
         """Where the point ``X`` of the dry plate is, mm."""
         return np.array(X) + self.state.components[0](self.mesh(*X))
+
+    def rotation(self, X):
+        """Polar rotation at the point ``X`` of the dry plate, degrees."""
+        a, b, c, d = ng.Grad(self.state.components[0])(self.mesh(*X))
+        return np.degrees(np.arctan2(c - b, 2 + a + d))

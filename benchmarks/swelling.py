@@ -1,6 +1,6 @@
 """Uptake of solvent in time: a film beside finite volumes, sample 1 beside the square-root law.
 
-    python benchmarks/swelling.py [--rows film sample-1 gradient block] [--spacings 0.1 0.05]
+    python benchmarks/swelling.py [--rows film sample-1 gradient block holes] [--spacings 0.1 0.05]
     [--quick] [--figure FILE]
 
 ``film``: error of the uptake in % at some times, of a film of thickness 1 held sideways, sealed
@@ -24,6 +24,10 @@ quotients of three steps, less 1, by holes and by the field.
 until t = 0.1: uptake over that in equilibrium, and positions of the corner and of the middle of a
 side, less those by finite elements (NGSolve, extra ``[bench]``), in %; the elements on two meshes,
 which say how far these can be trusted; Newton's corrections per step and that balance.
+
+``holes``: sample 1 as above until t = 2 beside finite elements on two meshes, of 0.4 and 0.25 mm
+along the outlines (half an hour): mean volume ratio less that at the start, in %, rotation of the
+core in degrees, and the time at which that is 14.5, half of what it is in equilibrium.
 
 ``--figure`` draws sample 1 alone: patterns coloured by mu at four times, the uptake against the
 square root of time beside that law, and the rotation of the core, whose half is marked; a minute.
@@ -97,7 +101,7 @@ def main():
     parser.add_argument(
         "--rows",
         nargs="*",
-        choices=["film", "sample-1", "gradient", "block"],
+        choices=["film", "sample-1", "gradient", "block", "holes"],
         help="film and sample-1; quick gradient too",
     )
     parser.add_argument(
@@ -122,6 +126,12 @@ def main():
             sample_1(spacing, 3 if given.quick else 10)
     if "gradient" in rows:
         gradient(2.2 if given.quick else None, 3 if given.quick else 16)
+    if "holes" in rows:
+        holes(
+            [2.2] if given.quick else given.spacings or [0.55, 0.4],
+            [(3.0, 1.5)] if given.quick else [(1.5, 0.4), (1.0, 0.25)],
+            2 if given.quick else 5,
+        )
     if "block" in rows:
         block(small, [0.5] if given.quick else [0.15, 0.1], 2 if given.quick else 10)
 
@@ -244,6 +254,7 @@ def sample_1(spacing, per_decade):
         )
 
 
+HALF_TURN = 14.5  # degrees
 BLOCK_TIMES, RAMP = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.1
 
 
@@ -300,6 +311,38 @@ def block(spacings, sizes, per_decade):
             f"  {path.newton_iterations.sum() / len(times):.1f} corrections per step; balance of "
             f"the solvent {imbalance(path):.1e}"
         )
+
+
+def holes(spacings, sizes, per_decade):
+    """Sample 1 beside finite elements."""
+    from ngsolve_gel import plate_mesh
+    from ngsolve_swelling import Swelling
+
+    plate, gel = jaxgel.sample("sample-1"), jaxgel.Gel(1e-3, 1e-4)
+    wanted = np.array([*TIMES[1:6], 2.0])
+    growing = jaxgel.TimeSteps(wanted[-1], first=3e-4, per_decade=per_decade).values(1.0, 1.0)
+    times = np.array(sorted({*growing.tolist(), *wanted.tolist()}))
+
+    def show(name, taken_up, angles):
+        at = [np.interp(wanted, times, values) for values in (100 * taken_up, angles)]
+        half = np.exp(np.interp(HALF_TURN, angles, np.log(times)))
+        print(f"{name}:", *(" ".join(f"{value:.4g}" for value in row) + ";" for row in at), end=" ")
+        print(f"{HALF_TURN} degrees at t = {half:.3f}", flush=True)
+
+    print("holes: uptake in %, rotation of the core in degrees at t =", *wanted)
+    for size, hole in sizes:
+        found = Swelling(plate_mesh(plate, 3, size, hole), gel, 3, START)
+        start, now, rows = found.ratio(), 0.0, []
+        for end in times:
+            found.step(end - now, np.array([BATH, BATH]))
+            now = end
+            rows.append((found.ratio() - start, found.rotation((1e-3, 1e-3))))
+        show(f"elements of {hole} at outlines", *np.array(rows).T)
+    for spacing in spacings:
+        model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
+        path = jaxgel.swell(jaxgel.Problem(model, gel, contact=False), BATH, times, start=START)
+        ratio = mean_ratio(path)
+        show(f"spacing {spacing}", (ratio - ratio[0])[1:], np.asarray(core_rotation(path))[1:])
 
 
 def by_elements(mesh, gel, start, bath, times, wanted, points):

@@ -16,22 +16,26 @@ with the values of w at the places, and A and F at the quadrature point. In a sm
 the same.
 
 After mu of a bath has changed it has changed in a layer below the surface that is thinner than the
-cells, and a gradient between the surface and the first group is too small. So a group at the
-distance d from wetted sides of length l takes up
+cells, and a gradient between the surface and the first group is too small. So a group with wetted
+sides of length l takes up
 
-    l dJ D_m / d (c - 1),   c = sqrt(1 + d^2 / (pi D_m t)),
+    l dJ D_m / d (c - 1)
 
-or with a linear pressure c = (1 + (d^2 / (pi D_m t))^2)^(1/4), besides: what a half-space takes up
-at the time t after the change, see ``materials.layer_uptake``, over what goes through a layer of
-that thickness. It falls as 1 / t at least, and the finer the cells the sooner. A group of a cell
-that is cut may lie next to the surface, while mu falls off over all of its volume: d is at least
-that of a whole cell with the same volume along the sides.
+besides: what a half-space takes up at the time t after the change, see ``materials.layer_uptake``,
+over what goes through a layer of the thickness d, which conducts as the cells do, see `Wetting`.
+With X = d / sqrt(pi D_m t)
+
+    c = 1 + X exp(-a / X - (a^2 / 2 - 1 / pi^2) / X^2),   a = 1 - 1 / pi,
+
+or with a linear pressure (1 + X^8)^(1/8). In the first layers of a half-space the mean of a cell
+has risen by dJ / (pi X), so that c = X / (1 - 1 / (pi X)), to which the exponent belongs; by finite
+volumes it is good to 0.02 for all X. The finer the cells the sooner c is 1.
 
 What such a layer brings to one side of a patch with a linear pressure would dry its other side, if
 it worked on the linear part of J as it does later, and below J = 1 nothing is a state. So after mu
 of a bath has risen that part of the flow has the share
 
-    1 / (1 + (h^2 / (100 D t))^2)
+    1 / (1 + (h^2 / (60 D t))^2)
 
 with half the side h of the patch: 1 once the layer is thicker than a few tenths of h, and little
 before, when J changes alike on the patch.
@@ -51,7 +55,6 @@ from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, lay
 from .patchwise import over_patches
 from .solvent import MOMENTS, Solvent
 from .volumes import (
-    all_volumes,
     axial_stretch,
     bare,
     by_block,
@@ -63,11 +66,9 @@ from .volumes import (
 
 POINTS = 4  # of an integral over mu
 # of half the side of a patch: a layer that leaves half of the flow to the linear part of J
-THIN = 0.1
-# distance from the surface over the thickness of a whole cell, of its middle, and of the nearer
-# groups of a linear patch of the half of it that they stand for
-MIDDLE, NEAR = 0.5, 1 - 1 / np.sqrt(3)
-SMOOTH = 0.1  # difference of two distances, over one of them, below which the larger is smooth
+THIN = 0.13
+BELOW = 1 - 1 / np.pi  # by which c - 1 is less than X in thin layers
+NO_LAYER = 0.01  # X below which c - 1 is 0 in double precision
 
 
 class Bath(NamedTuple):
@@ -278,10 +279,9 @@ def layer_flow(
         uptake, jnp.where(real, mu, -1.0), bath_mu, along, local, signature="()->(k)"
     ).T
     length = jnp.where(real, wet.length, 1.0)
-    thickness = in_wet_groups(all_volumes(model), solvent, 1.0) / length
-    depth = _larger(thickness * jnp.where(wet.linear, NEAR, MIDDLE), wet.depth)
-    square = (depth * bath.rate[wet.group_parts]) ** 2 / (jnp.pi * D_m)
-    excess = jnp.where(wet.linear, _over(jnp.sqrt(1 + square**2)), _over(1 + square))
+    depth = jnp.where(real, wet.depth, 1.0)
+    ratio = depth * bath.rate[wet.group_parts] / jnp.sqrt(jnp.pi * D_m)
+    excess = jnp.where(wet.linear, jnp.power(1 + ratio**8, 1 / 8) - 1, _excess(ratio))
     return jnp.where(real, length * change * D_m / depth * excess, 0.0)
 
 
@@ -298,19 +298,10 @@ def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[
     return of_groups(parts, model)
 
 
-def _larger(first, second):
-    """The larger of two distances; smooth where both are the same, and there 2.5 % more.
-
-    They are the same in a whole cell.
-    """
-    above, width = second - first, SMOOTH * first
-    between = (above + width) ** 2 / (4 * width)
-    return first + jnp.where(jnp.abs(above) < width, between, jnp.maximum(above, 0.0))
-
-
-def _over(square):
-    """How much the root of ``square`` is above 1."""
-    return (square - 1) / (1 + jnp.sqrt(square))
+def _excess(ratio):
+    """By the ``ratio`` X what c is above 1: X - a + 1 / (pi^2 X) + ..., of thick layers 0."""
+    inverse = 1 / jnp.maximum(ratio, NO_LAYER)
+    return ratio * jnp.exp(-(BELOW + (BELOW**2 / 2 - 1 / np.pi**2) * inverse) * inverse)
 
 
 def in_wet_groups(

@@ -27,7 +27,7 @@ from .stage import Stage, acting_potential, acting_problem, solve_stage
 
 GAMMA = 1 - 1 / np.sqrt(2)
 MAX_HALVINGS = 14  # of a step at which Newton's method fails
-MAX_STEPS = 200  # tried between two times
+MAX_STEPS = 64  # tried between two times
 # of the time that is left: a step that falls short of the end by no more goes to the end
 ROUND_OFF = 1e-9
 FARTHEST = 10.0  # times the step before, in the root of time, up to which a state is extrapolated

@@ -62,6 +62,8 @@ ROUND_OFF = 1e-13
 # of the right-hand side, left by the iterations of one correction; its products cost little beside
 # another correction
 GMRES = 1e-6
+# by which a correction may change mu, kT: in a gel that is nearly dry it is a logarithm of J - 1
+FARTHEST = 1.5
 # error over its tolerance that the matrix of the last correction may be expected to leave: about
 # error^2 / error before
 EXPECTED = 0.1
@@ -159,12 +161,10 @@ def solve_stage(
         change = matrix.solve(rhs, GMRES)
         dm = np.zeros(len(m))
         dm[transport.saddle.groups] = change[f:]
-        x, p, m = _stepped(transport, x, p, m, change[:f], dm, now, at)
-        before, iterations, moved = (
-            error,
-            iterations + 1,
-            np.abs(dm).max() / (1 + np.abs(np.asarray(m)).max()),
-        )
+        most = np.abs(dm).max()
+        share = FARTHEST / max(most, FARTHEST)
+        x, p, m = _stepped(transport, x, p, m, share, change[:f], dm, now, at)
+        before, iterations, moved = error, iterations + 1, most / (1 + np.abs(np.asarray(m)).max())
 
 
 def acting_potential(transport: Transport, m: Float[Array, " g"]) -> Float[np.ndarray, " g"]:
@@ -280,11 +280,12 @@ def solvent_in(problem: Transport, J: Float[Array, " g"]) -> Float[Array, ""]:
 
 
 @program(x="n", p="g", m="g", dx="f", dm="g", returns=("n", "g", "g"))
-def _stepped(problem, x, p, m, dx, dm, now, at):
-    """Positions, pressures and unknowns of mu after a correction."""
+def _stepped(problem, x, p, m, share, dx, dm, now, at):
+    """Positions, pressures and unknowns of mu after a ``share`` of a correction."""
     equations = problem.problem
     field = scatter(dx, equations.free)
     change = axial_stretch(equations.model) * jnp.where(
         equations.model.carries, potentials(dm, equations.model), 0.0
     )
-    return x + field, p + pressure_step(field, now, at, equations.model) - change, m + dm
+    dp = pressure_step(field, now, at, equations.model) - change
+    return x + share * field, p + share * dp, m + share * dm

@@ -140,9 +140,27 @@ def test_a_hole_whose_outline_cuts_the_cells_takes_up_what_a_half_space_does():
     outline = np.stack([1.25 * np.cos(angles), np.sin(angles)], axis=1)
     length = np.linalg.norm(np.diff(outline, axis=0), axis=1).sum()
     over = np.asarray(jaxgel.uptake(path))[1:] / (law * length)
-    # 0.998, 0.986, 0.971, 0.957, 0.940; by the distances of cut cells alone 0.87 at the end, and
+    # 1.002, 0.999, 0.993, 0.984, 0.964; by the distances of cut cells alone 0.87 at the end, and
     # 0.8 at the beginning by a first step that leaves a fifth out
-    assert (over > 0.93).all() and (over < 1).all()
+    assert (over > 0.95).all() and (over < 1.02).all()
+
+
+@pytest.mark.slow
+def test_four_holes_take_up_what_cubic_finite_elements_do():
+    """Sample 1 in a bath a little wetter than its gel: as linear diffusion between its holes.
+
+    Mean volume ratio less that at the start, of 1,271 triangles (NGSolve, ``Swelling`` of
+    benchmarks/ngsolve_swelling.py, 0.4 mm along the outlines, four steps to a decade).
+    """
+    times, expected = [0.05, 0.1, 0.2, 0.5, 1.0], [0.5386, 0.7544, 1.0705, 1.6918, 2.3448]  # 1e-5
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("sample-1")))
+    growing = jaxgel.TimeSteps(1.0, first=1e-3, per_decade=3).values(0.55, 1.0)
+    steps = sorted({*growing.tolist(), *times})
+    path = jaxgel.swell(jaxgel.Problem(model, GOOD, contact=False), -0.4999, steps, start=-0.5)
+    share = (contents(path) - contents(path)[0]) / volumes(model).sum()
+    errors = np.interp(times, path.t, share) / (1e-5 * np.array(expected)) - 1
+    # -4 to -6 %; -9.8 to -10.2 % up to 0.2 if layers are measured by distances alone
+    assert (errors > -0.07).all() and (errors < 0.02).all()
 
 
 @pytest.mark.thorough
