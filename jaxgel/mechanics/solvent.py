@@ -26,7 +26,7 @@ from .._sizes import joined, resized, room, step, taken
 from .._tracing import is_traced
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
-from ..cloud import opposite_edges
+from ..cloud import OUTLINE_SEGMENTS, opposite_edges
 from ..discretisation import (
     NONE,
     SIGNS,
@@ -321,7 +321,7 @@ def places_of(
         )
     number = np.full(len(topology.node_vertices) + 1, -1)  # the last one stands for none
     number[nodes] = np.arange(len(nodes))
-    straight = number[plate_edge_ends(topology, contour.ends, free=True)]
+    straight = number[np.maximum(*_ends_along(lists))]
     straight[(straight < 0).any(axis=1)] = -1
     at = np.flatnonzero(straight[:, 0] >= 0)
     also = np.repeat(contour.owner[at], 2), len(groups) + straight[at].ravel()
@@ -339,6 +339,32 @@ def places_of(
             listed[contour.owner[at]] == (len(groups) + straight[at, end])[:, None]
         ).argmax(axis=1)
     return (listed, reach), edge_ends
+
+
+def _ends_along(lists):
+    """The two nodes around each contour edge (e, 2), on free edges of the plate and on outlines.
+
+    -1 for others.
+    """
+    topology, contour = lists.topology, lists.contour
+    on_outlines = np.full(contour.ends.shape, -1)
+    if topology.outlines:
+        vertices = topology.partition.vertices
+        number = np.full(len(vertices), -1)
+        number[topology.node_vertices] = np.arange(len(topology.node_vertices))
+        parts, edges, owner = _boundary(lists)
+        edges = edges[np.isin(owner, [k for k, part in enumerate(parts) if isinstance(part, int)])]
+        middles, around = [], []
+        for outline in topology.outlines:
+            nodes = number[outline.nodes]
+            following = np.append(nodes[1:], nodes[:1] if outline.closed else [])
+            pieces = len(outline.line) - 1
+            middles.append((outline.line[1:] + outline.line[:-1]) / 2)
+            pairs = np.stack([nodes[: len(following)], following], axis=1).astype(int)
+            around.append(np.repeat(pairs, OUTLINE_SEGMENTS, axis=0)[:pieces])
+        found = cKDTree(np.concatenate(middles)).query(vertices[contour.ends[edges]].mean(axis=1))
+        on_outlines[edges] = np.concatenate(around)[found[1]]
+    return plate_edge_ends(topology, contour.ends, free=True), on_outlines
 
 
 def wetted_groups(lists: Connectivity, wetted: tuple[str | int, ...]) -> Int[np.ndarray, " e"]:
