@@ -45,10 +45,6 @@ ROOM = 128  # times a power of 2 there is room for wetted nodes and for groups w
 PLACE_SUPPORT = 2.4  # radius of a place's weight function over the spacing of the nodes around it
 FEWEST_PLACES = 4  # places that must reach a point: one more than a linear basis has monomials
 WIDTHS = (24, 32, 48, 64, 96, 128)  # room for places of a patch
-# distance from the surface over the thickness of a whole cell, of its middle, and of the nearer
-# groups of a linear patch of the half of it that they stand for
-MIDDLE, NEAR = 0.5, 1 - 1 / np.sqrt(3)
-SMOOTH = 0.1  # difference of two distances, over one of them, below which the larger is smooth
 ON_LINE = 1e-9  # of the spacing: distance from an edge of the plate of what lies on it
 MOMENTS = np.insert(SIGNS, 0, 1.0, axis=1)  # m to the mu of a linear patch's groups
 
@@ -87,7 +83,7 @@ class Wetting:
     directions: Float[Array, "e 2 2"]
     """Mean of t t^T over them with their unit tangents t."""
     depth: Float[Array, " e"]
-    """Thickness of a layer below them that conducts as much solvent as the cells do, mm."""
+    """Mean distance of the group from them, mm."""
 
 
 @jax.tree_util.register_dataclass
@@ -188,40 +184,22 @@ def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
     )
     edges, owner, wet_groups, linear, group_parts = _wetted_sides(lists, wetted)
     ends = taken(cloud.vertices, lists.contour.ends[edges])
-    first = np.concatenate([reference_groups(lists)[1][patches] for patches in lists.patches])
-    weights = [block.weight for block in model.blocks]
-    # of the part of each place, with a further one for groups
-    drops = [
-        (block.dpsi, np.append(np.full(len(groups), len(wetted)), parts)[block.places])
-        for block in blocks
-    ]
-    measured = _compiled_measured if is_traced(ends, groups, weights, drops) else _measured
-    length, directions, depth = measured(
-        (ends, taken(groups, wet_groups[owner]), owner),
-        (np.searchsorted(first, wet_groups, side="right") - 1, linear, group_parts),
-        weights,
-        drops,
-        len(wet_groups),
-        len(wetted),
-    )
-    wetting = Wetting(parts, wet_groups, group_parts, linear, length, directions, depth)
-    return Solvent(blocks, wetting)
+    measured = _compiled_measured if is_traced(ends, groups) else _measured
+    sides = measured(ends, taken(groups, wet_groups[owner]), owner, len(wet_groups))
+    return Solvent(blocks, Wetting(parts, wet_groups, group_parts, linear, *sides))
 
 
-def _measured(sides, groups, weights, drops, count, parts):
-    """Length (e,), directions (e, 2, 2) and depth (e,) of ``Wetting``.
+def _measured(ends, groups, owner, count):
+    """Length (e,), directions (e, 2, 2) and depth (e,) of ``Wetting`` from sides (k, 2, 2).
 
-    From the ends (k, 2, 2) of sides, the positions (k, 2) of their groups, and the places (k,) of
-    these; from the patch, the pressure and the part of each group (e,); and per block from weights,
-    gradients, and the part of each place, which counts on for groups.
+    These belong to their ``owner``.
     """
-    (ends, at, owner), (patch, linear, part) = sides, groups
-    xp = jnp if is_traced(ends, at, weights, drops) else np
-    along, away = ends[:, 1] - ends[:, 0], at - (ends[:, 0] + ends[:, 1]) / 2
+    along, away = ends[:, 1] - ends[:, 0], groups - (ends[:, 0] + ends[:, 1]) / 2
+    xp = jnp if is_traced(along, away) else np
     length = xp.linalg.norm(along, axis=1)
     # times the length; the gel is on the left
     inward = along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]
-    rows = xp.concatenate(
+    parts = xp.concatenate(
         [
             length[:, None],
             (along[:, :, None] * along[:, None]).reshape(-1, 4) / length[:, None],
@@ -229,43 +207,15 @@ def _measured(sides, groups, weights, drops, count, parts):
         ],
         axis=1,
     )
-    total = _added(np.zeros((count, 6)), owner, rows)
-    length = total[:, 0]
-    volume = xp.concatenate([xp.sum(weight, axis=1) for weight in weights])[patch]
-    thickness = volume / xp.where(linear, len(MOMENTS), 1) / length
-    depth = _larger(thickness * xp.where(linear, NEAR, MIDDLE), total[:, 5] / length)
-    conducted = np.zeros(parts + 1)  # by a drop of 1 between the surface and all groups
-    for weight, (dpsi, places) in zip(weights, drops, strict=True):
-        gradient = xp.einsum("cqbi,cb->cqi", dpsi, places < parts)
-        flow = xp.einsum("cq,cqbi,cqi->cb", weight, dpsi, gradient)
-        conducted = _added(conducted, places, flow)
-    expected = _added(np.zeros(parts), part, length / depth)
-    directions = (total[:, 1:5] / length[:, None]).reshape(-1, 2, 2)
-    # the nodes of a short edge may all be those of another part
-    scale = expected / xp.maximum(conducted[:parts], expected / 2 + np.finfo(float).tiny)
-    return length, directions, depth * scale[part]
+    total = np.zeros((count, 6))
+    if xp is np:
+        np.add.at(total, owner, parts)
+    else:
+        total = jnp.asarray(total).at[owner].add(parts)
+    return total[:, 0], (total[:, 1:5] / total[:, :1]).reshape(-1, 2, 2), total[:, 5] / total[:, 0]
 
 
-def _added(total, rows, values):
-    """``total`` with ``values`` added to these ``rows``."""
-    if is_traced(total, values):
-        return jnp.asarray(total).at[rows].add(values)
-    np.add.at(total, rows, values)
-    return total
-
-
-def _larger(first, second):
-    """The larger of two distances; smooth where both are the same, and there 2.5 % more.
-
-    They are the same in a whole cell.
-    """
-    xp = jnp if is_traced(first, second) else np
-    above, width = second - first, SMOOTH * first
-    between = (above + width) ** 2 / (4 * width)
-    return first + xp.where(xp.abs(above) < width, between, xp.maximum(above, 0.0))
-
-
-_compiled_measured = compiled(static=("count", "parts"))(_measured)
+_compiled_measured = compiled(static=("count",))(_measured)
 
 
 @once_per_owner

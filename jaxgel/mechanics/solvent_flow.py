@@ -16,20 +16,21 @@ with the values of w at the places, and A and F at the quadrature point. In a sm
 the same.
 
 After mu of a bath has changed it has changed in a layer below the surface that is thinner than the
-cells, and a gradient between the surface and the first group is too small. So a group with wetted
-sides of length l takes up
+cells, and a gradient between the surface and the first group is too small. So a group at the
+distance d from wetted sides of length l takes up
 
     l dJ D_m / d (c - 1)
 
 besides: what a half-space takes up at the time t after the change, see ``materials.layer_uptake``,
-over what goes through a layer of the thickness d, which conducts as the cells do, see `Wetting`.
-With X = d / sqrt(pi D_m t)
+over what goes through a layer of that thickness. With X = d / sqrt(pi D_m t)
 
     c = 1 + X exp(-a / X - (a^2 / 2 - 1 / pi^2) / X^2),   a = 1 - 1 / pi,
 
-or with a linear pressure (1 + X^8)^(1/8). In the first layers of a half-space the mean of a cell
-has risen by dJ / (pi X), so that c = X / (1 - 1 / (pi X)), to which the exponent belongs; by finite
-volumes it is good to 0.02 for all X. The finer the cells the sooner c is 1.
+or with a linear pressure (1 + X^6)^(1/6). In the first layers of a half-space the mean of a cell
+has risen by dJ / (pi X), so that c = X / (1 - 1 / (pi X)), to which the exponent belongs; in finite
+volumes it is good to 0.02 for all X. A group of a cell that is cut may lie next to the surface,
+while mu falls off over all of its volume: d is at least that of a whole cell with the same volume
+along the sides.
 
 What such a layer brings to one side of a patch with a linear pressure would dry its other side, if
 it worked on the linear part of J as it does later, and below J = 1 nothing is a state. So after mu
@@ -55,6 +56,7 @@ from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, lay
 from .patchwise import over_patches
 from .solvent import MOMENTS, Solvent
 from .volumes import (
+    all_volumes,
     axial_stretch,
     bare,
     by_block,
@@ -67,6 +69,10 @@ from .volumes import (
 POINTS = 4  # of an integral over mu
 # of half the side of a patch: a layer that leaves half of the flow to the linear part of J
 THIN = 0.13
+# distance from the surface over the thickness of a whole cell, of its middle, and of the nearer
+# groups of a linear patch of the half of it that they stand for
+MIDDLE, NEAR = 0.5, 1 - 1 / np.sqrt(3)
+SMOOTH = 0.1  # difference of two distances, over one of them, below which the larger is smooth
 BELOW = 1 - 1 / np.pi  # by which c - 1 is less than X in thin layers
 NO_LAYER = 0.01  # X below which c - 1 is 0 in double precision
 
@@ -279,9 +285,10 @@ def layer_flow(
         uptake, jnp.where(real, mu, -1.0), bath_mu, along, local, signature="()->(k)"
     ).T
     length = jnp.where(real, wet.length, 1.0)
-    depth = jnp.where(real, wet.depth, 1.0)
+    thickness = in_wet_groups(all_volumes(model), solvent, 1.0) / length
+    depth = _larger(thickness * jnp.where(wet.linear, NEAR, MIDDLE), wet.depth)
     ratio = depth * bath.rate[wet.group_parts] / jnp.sqrt(jnp.pi * D_m)
-    excess = jnp.where(wet.linear, jnp.power(1 + ratio**8, 1 / 8) - 1, _excess(ratio))
+    excess = jnp.where(wet.linear, jnp.power(1 + ratio**6, 1 / 6) - 1, _excess(ratio))
     return jnp.where(real, length * change * D_m / depth * excess, 0.0)
 
 
@@ -296,6 +303,16 @@ def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[
         linear = jnp.broadcast_to(1 / (1 + side[:, None] ** 2), (len(side), block.n_groups - 1))
         parts.append(jnp.concatenate([jnp.ones((len(side), 1)), linear], axis=1))
     return of_groups(parts, model)
+
+
+def _larger(first, second):
+    """The larger of two distances; smooth where both are the same, and there 2.5 % more.
+
+    They are the same in a whole cell.
+    """
+    above, width = second - first, SMOOTH * first
+    between = (above + width) ** 2 / (4 * width)
+    return first + jnp.where(jnp.abs(above) < width, between, jnp.maximum(above, 0.0))
 
 
 def _excess(ratio):

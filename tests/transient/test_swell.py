@@ -159,8 +159,8 @@ def test_four_holes_take_up_what_cubic_finite_elements_do():
     path = jaxgel.swell(jaxgel.Problem(model, GOOD, contact=False), -0.4999, steps, start=-0.5)
     share = (contents(path) - contents(path)[0]) / volumes(model).sum()
     errors = np.interp(times, path.t, share) / (1e-5 * np.array(expected)) - 1
-    # -4 to -6 %; -9.8 to -10.2 % up to 0.2 if layers are measured by distances alone
-    assert (errors > -0.07).all() and (errors < 0.02).all()
+    # -10 to -8 % up to 0.5 with mu of the bath at the nodes of the outlines alone
+    assert (errors > -0.04).all() and (errors < 0.03).all()
 
 
 @pytest.mark.thorough
