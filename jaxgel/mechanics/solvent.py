@@ -271,7 +271,7 @@ def places_of(
         )
     number = np.full(len(topology.node_vertices) + 1, -1)  # the last one stands for none
     number[nodes] = np.arange(len(nodes))
-    straight = number[np.maximum(*_ends_along(lists))]
+    straight = number[_ends_along(lists)]
     straight[(straight < 0).any(axis=1)] = -1
     at = np.flatnonzero(straight[:, 0] >= 0)
     also = np.repeat(contour.owner[at], 2), len(groups) + straight[at].ravel()
@@ -297,7 +297,7 @@ def _ends_along(lists):
     -1 for others.
     """
     topology, contour = lists.topology, lists.contour
-    on_outlines = np.full(contour.ends.shape, -1)
+    ends = plate_edge_ends(topology, contour.ends, free=True)
     if topology.outlines:
         vertices = topology.partition.vertices
         number = np.full(len(vertices), -1)
@@ -307,14 +307,14 @@ def _ends_along(lists):
         middles, around = [], []
         for outline in topology.outlines:
             nodes = number[outline.nodes]
-            following = np.append(nodes[1:], nodes[:1] if outline.closed else [])
-            pieces = len(outline.line) - 1
+            nodes = np.append(nodes, nodes[:1]) if outline.closed else nodes
             middles.append((outline.line[1:] + outline.line[:-1]) / 2)
-            pairs = np.stack([nodes[: len(following)], following], axis=1).astype(int)
-            around.append(np.repeat(pairs, OUTLINE_SEGMENTS, axis=0)[:pieces])
-        found = cKDTree(np.concatenate(middles)).query(vertices[contour.ends[edges]].mean(axis=1))
-        on_outlines[edges] = np.concatenate(around)[found[1]]
-    return plate_edge_ends(topology, contour.ends, free=True), on_outlines
+            around.append(
+                np.repeat(np.stack([nodes[:-1], nodes[1:]], axis=1), OUTLINE_SEGMENTS, axis=0)
+            )
+        nearest = cKDTree(np.concatenate(middles)).query(vertices[contour.ends[edges]].mean(axis=1))
+        ends[edges] = np.concatenate(around)[nearest[1]]
+    return ends
 
 
 def wetted_groups(lists: Connectivity, wetted: tuple[str | int, ...]) -> Int[np.ndarray, " e"]:
