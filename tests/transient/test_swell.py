@@ -139,7 +139,8 @@ def test_a_hole_whose_outline_cuts_the_cells_takes_up_what_a_half_space_does():
     angles = np.linspace(0.0, 2 * np.pi, 2001)
     outline = np.stack([1.25 * np.cos(angles), np.sin(angles)], axis=1)
     length = np.linalg.norm(np.diff(outline, axis=0), axis=1).sum()
-    # around a hole of radius R sqrt(pi D t) / (4 R) more than over a plane (Carslaw & Jaeger 1959, 13.5)
+    # around a hole of radius R sqrt(pi D t) / (4 R) more than over a plane (Carslaw & Jaeger,
+    # Conduction of heat in solids, 1959, section 13.5)
     D_m = np.pi / TIMES[0] * (shares[0] / 2) ** 2
     length = length + 2 * np.pi * np.sqrt(np.pi * D_m * times) / 4
     over = np.asarray(jaxgel.uptake(path))[1:] / (law * length)
