@@ -2,7 +2,7 @@
 
 Problem: semi-axes, tilt and centres of two pairs of elliptic holes, each symmetric by half a turn;
 least hole area, ligaments of at least 1 mm, no self-contact. Start: nearly round holes, which lose
-shares of 0.36 and 0.31. In a large incompressible gel of shear modulus G a small pressure p takes
+shares of 0.37 and 0.32. In a large incompressible gel of shear modulus G a small pressure p takes
 the share p (a / b + b / a) / (2 G) of its area from an ellipse, so slender holes lose more and
 round ones, of any size, the least.
 """
