@@ -325,7 +325,7 @@ def holes(spacings, sizes, per_decade):
 
     def show(name, taken_up, angles):
         at = [np.interp(wanted, times, values) for values in (100 * taken_up, angles)]
-        half = np.exp(np.interp(HALF_TURN, angles, np.log(times)))
+        half = np.exp(np.interp(HALF_TURN, angles, np.log(times), right=np.nan))
         print(f"{name}:", *(" ".join(f"{value:.4g}" for value in row) + ";" for row in at), end=" ")
         print(f"{HALF_TURN} degrees at t = {half:.3f}", flush=True)
 

@@ -9,7 +9,9 @@ combination of values that moves no solvent does not exist.
 Gradients of mu are those of interpolating moving least squares with a linear basis through
 *places*: the volume groups that carry volume, and the wetted nodes. Places are numbered so, the
 wetted nodes after all groups. A constant vector in every cell makes the gradients those whose mean
-is the contour integral of the shape functions. Index letters as in ``discretisation``, ``b`` place
+is the contour integral of the shape functions. Along wetted outlines and free edges these are
+linear between the nodes: left to the groups nearby, the trace between them is not the bath's, and
+an outline conducts a fifth less at any spacing. Index letters as in ``discretisation``, ``b`` place
 of a patch's list, ``w`` wetted node, ``e`` volume group with a wetted side.
 """
 
@@ -241,10 +243,10 @@ def wetted_nodes(
 def places_of(
     lists: Connectivity, wetted: tuple[str | int, ...]
 ) -> tuple[tuple[Int[np.ndarray, "c b"], Float[np.ndarray, "c b"]], Int[np.ndarray, "e 2"]]:
-    """Lists (patches, b) of places and supports, and the two places along wetted edges.
+    """Lists (patches, b) of places and supports, and the two places along wetted boundary.
 
-    These are, for each contour edge along a straight wetted edge, the places between which the
-    trace is linear, as positions in the lists; -1 for others.
+    These are, for each contour edge along wetted boundary, the places between which the trace is
+    linear, as positions in the lists; -1 for others.
     """
     topology = lists.topology
     nodes, _ = wetted_nodes(lists, wetted)
@@ -271,10 +273,10 @@ def places_of(
         )
     number = np.full(len(topology.node_vertices) + 1, -1)  # the last one stands for none
     number[nodes] = np.arange(len(nodes))
-    straight = number[_ends_along(lists)]
-    straight[(straight < 0).any(axis=1)] = -1
-    at = np.flatnonzero(straight[:, 0] >= 0)
-    also = np.repeat(contour.owner[at], 2), len(groups) + straight[at].ravel()
+    ends = number[_ends_along(lists)]
+    ends[(ends < 0).any(axis=1)] = -1
+    at = np.flatnonzero(ends[:, 0] >= 0)
+    also = np.repeat(contour.owner[at], 2), len(groups) + ends[at].ravel()
     key = np.unique(
         np.concatenate(
             [owner[pairs["i"]] * len(places) + pairs["j"], also[0] * len(places) + also[1]]
@@ -286,7 +288,7 @@ def places_of(
     edge_ends = np.full(contour.ends.shape, -1)
     for end in range(2):
         edge_ends[at, end] = (
-            listed[contour.owner[at]] == (len(groups) + straight[at, end])[:, None]
+            listed[contour.owner[at]] == (len(groups) + ends[at, end])[:, None]
         ).argmax(axis=1)
     return (listed, reach), edge_ends
 

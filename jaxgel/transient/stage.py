@@ -63,7 +63,7 @@ ROUND_OFF = 1e-13
 # another correction
 GMRES = 1e-6
 # by which a correction may change mu, kT: in a gel that is nearly dry it is a logarithm of J - 1
-FARTHEST = 1.5
+LONGEST = 1.5
 # error over its tolerance that the matrix of the last correction may be expected to leave: about
 # error^2 / error before
 EXPECTED = 0.1
@@ -162,7 +162,7 @@ def solve_stage(
         dm = np.zeros(len(m))
         dm[transport.saddle.groups] = change[f:]
         most = np.abs(dm).max()
-        share = FARTHEST / max(most, FARTHEST)
+        share = LONGEST / max(most, LONGEST)
         x, p, m = _stepped(transport, x, p, m, share, change[:f], dm, now, at)
         before, iterations, moved = error, iterations + 1, most / (1 + np.abs(np.asarray(m)).max())
 
